@@ -1,0 +1,50 @@
+# Everything runs in .venv, which every target makes for itself from the lock files.
+# Needed on the machine: Python 3.11 or newer, make, and a package registry.
+PYTHON ?= python3
+BIN := .venv/bin
+SOURCES := localreg sensors calibration benchmarks tests
+
+.PHONY: help demo test check format lock clean
+.DEFAULT_GOAL := help
+
+help:  ## show this list
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 10
+
+demo: .venv/.runtime  ## play a left-out walk through a serial line and synthesize the body live
+	$(BIN)/localreg demo $(ARGS)
+
+test: .venv/.develop  ## run the tests
+	$(BIN)/pytest $(ARGS)
+
+check: .venv/.develop  ## lint, format, types, import directions
+	$(BIN)/ruff check $(SOURCES)
+	$(BIN)/ruff format --check $(SOURCES)
+	$(BIN)/basedpyright
+	$(BIN)/lint-imports
+
+format: .venv/.develop  ## rewrite the sources in the house format
+	$(BIN)/ruff check --fix $(SOURCES)
+	$(BIN)/ruff format $(SOURCES)
+
+lock: $(BIN)/uv  ## pin every dependency again, names, versions and hashes only
+	$(BIN)/uv pip compile pyproject.toml --extra sample \
+	  --universal --generate-hashes --no-header --upgrade -q -o requirements.lock
+	$(BIN)/uv pip compile pyproject.toml --all-extras --group dev -c requirements.lock \
+	  --universal --generate-hashes --no-header --upgrade -q -o requirements-dev.lock
+
+clean:  ## remove the environment and every cache
+	rm -rf .venv .pytest_cache .ruff_cache .hypothesis .import_linter_cache
+
+$(BIN)/uv:
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "localreg needs Python 3.11 or newer; try make PYTHON=python3.12")'
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install -q uv
+
+.venv/.runtime: requirements.lock pyproject.toml | $(BIN)/uv
+	$(BIN)/uv pip install -q -p $(BIN)/python --require-hashes -r requirements.lock
+	$(BIN)/uv pip install -q -p $(BIN)/python --no-deps -e .
+	@touch $@
+
+.venv/.develop: requirements-dev.lock .venv/.runtime
+	$(BIN)/uv pip install -q -p $(BIN)/python --require-hashes -r requirements-dev.lock
+	@touch $@

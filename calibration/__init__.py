@@ -1,0 +1,1 @@
+"""Calibration of a person: bone lengths and tracker mounts."""

@@ -1,0 +1,1 @@
+"""Six 6-DoF trackers in, a whole-body motion out."""

@@ -1,0 +1,1 @@
+"""Trackers in: protocols, devices, emulators, clocks and frames. Knows nothing of bodies."""
