@@ -28,9 +28,9 @@ format: .venv/.develop  ## rewrite the sources in the house format
 
 lock: $(BIN)/uv  ## pin every dependency again, names, versions and hashes only
 	$(BIN)/uv pip compile pyproject.toml --extra sample \
-	  --universal --generate-hashes --no-header --upgrade -q -o requirements.lock
+	  --universal --generate-hashes --no-header -q -o requirements.lock
 	$(BIN)/uv pip compile pyproject.toml --all-extras --group dev -c requirements.lock \
-	  --universal --generate-hashes --no-header --upgrade -q -o requirements-dev.lock
+	  --universal --generate-hashes --no-header -q -o requirements-dev.lock
 
 clean:  ## remove the environment and every cache
 	rm -rf .venv .pytest_cache .ruff_cache .hypothesis .import_linter_cache

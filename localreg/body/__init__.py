@@ -1,0 +1,1 @@
+"""The body: skeleton, subject, MuJoCo model and JAX kinematics."""

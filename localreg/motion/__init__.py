@@ -1,0 +1,1 @@
+"""Motions: poses over time, and the files they come from and go to."""
