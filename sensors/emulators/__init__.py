@@ -1,0 +1,1 @@
+"""The other end of the line: devices made of software, for tests, demos and rehearsals."""

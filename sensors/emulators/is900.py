@@ -1,0 +1,251 @@
+"""An IS-900 that streams: the unit, a line, a clock to keep and faults on request."""
+
+import os
+import select
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Literal
+
+from sensors.emulators.endpoints import Endpoint, PtyEndpoint
+from sensors.emulators.faults import Fault, FaultMaker, Noise
+from sensors.emulators.source import PoseSource, StationPose
+from sensors.emulators.unit import Is900Unit
+from sensors.errors import ConfigurationError
+from sensors.protocols.is900 import commands
+
+Start = Literal["continuous", "now", "later"]
+
+# A slow line may lag this far behind before whole cycles are left out [s].
+_MAX_BACKLOG = 0.2
+# Nor may a host that does not read let more bytes pile up than this.
+_MAX_QUEUED = 4096
+_RETRY_PAUSE = 0.01
+
+
+@dataclass(slots=True)
+class EmulatorCounters:
+    """What the emulator has done; only grows.
+
+    Attributes:
+        cycles: instants at which records were made.
+        records: records handed to the line, spoiled ones included.
+        overruns: cycles left out because the line was full or the host did not read.
+        command_bytes: bytes received.
+    """
+
+    cycles: int = 0
+    records: int = 0
+    overruns: int = 0
+    command_bytes: int = 0
+
+
+class Is900Emulator:
+    """An IS-900 on a line, in a thread of its own.
+
+    Cycle k is due at a multiple of the period on the monotonic clock, whatever the cycles
+    before it took, and carries the pose of exactly that instant. Device time (item 21) is
+    that instant too, on a clock that started with the emulator.
+
+    Args:
+        pose_at: world poses of the stations at motion time t [s].
+        stations: how many stations, 1..12.
+        rate: cycles a second [Hz].
+        endpoint: the line; by default a new pseudo terminal.
+        start: what begins the motion: the first `C` from the host, at once, or a call of
+            `begin`. Until then the pose at zero is held.
+        faults: what goes wrong, on motion time.
+        noise: what is added to every pose.
+        seed: of everything random.
+        baud: if given, bytes leave no faster than on a serial line, 10 bits each.
+        clock_drift: how much faster the device's clock runs [s/s].
+        on_start: called in the emulator's thread with the host's monotonic time of motion
+            zero.
+
+    Raises:
+        ConfigurationError: for impossible settings.
+    """
+
+    def __init__(
+        self,
+        pose_at: PoseSource,
+        *,
+        stations: int = 6,
+        rate: float = 40.0,
+        endpoint: Endpoint | None = None,
+        start: Start = "continuous",
+        faults: Iterable[Fault] = (),
+        noise: Noise | None = None,
+        seed: int = 0,
+        baud: int | None = None,
+        clock_drift: float = 0.0,
+        on_start: Callable[[float], None] | None = None,
+    ) -> None:
+        if not 1 <= stations <= 12:
+            raise ConfigurationError(f"there cannot be {stations} stations; give 1 to 12")
+        if not 0.1 <= rate <= 1000.0:
+            raise ConfigurationError(f"rate is {rate} Hz; give 0.1 to 1000")
+        if baud is not None and baud < 300:
+            raise ConfigurationError(f"baud is {baud}; give at least 300, usually 115200")
+        self.counters = EmulatorCounters()
+        self.unit = Is900Unit(stations)
+        self.faults = FaultMaker(faults, noise, seed)
+        self._endpoint = PtyEndpoint() if endpoint is None else endpoint
+        self._pose_at = pose_at
+        self._period = 1.0 / rate
+        self._start: Start = start
+        self._seconds_per_byte = 0.0 if baud is None else 10.0 / baud
+        self._speed = 1.0 + clock_drift
+        self._on_start = on_start
+        self._power_on = time.monotonic()
+        self._next_cycle = self._power_on
+        self._zero: float | None = None
+        self._started = threading.Event()
+        self._begin_asked = start == "now"
+        # Portions and when their last byte has crossed the line.
+        self._outgoing: deque[tuple[float, bytes]] = deque()
+        self._line_free = self._power_on
+        self._stop = threading.Event()
+        self._wake_read, self._wake_write = os.pipe()
+        self._thread = threading.Thread(target=self._run, name="is900-emulator", daemon=True)
+
+    @property
+    def address(self) -> str:
+        """What a host opens."""
+        return self._endpoint.address
+
+    @property
+    def motion_zero(self) -> float | None:
+        """Host's monotonic time of motion time zero [s]; None before the start."""
+        return self._zero
+
+    def __enter__(self) -> "Is900Emulator":
+        self.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def start(self) -> None:
+        """Answer from now on."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Take the line away and end the thread."""
+        if not self._stop.is_set():
+            self._stop.set()
+            self._wake()
+            if self._thread.is_alive():
+                self._thread.join()
+            self._endpoint.close()
+            os.close(self._wake_read)
+            os.close(self._wake_write)
+
+    def begin(self) -> None:
+        """Start the motion with the next cycle, if it has not started."""
+        self._begin_asked = True
+        if not self._stop.is_set():
+            self._wake()
+
+    def wait_started(self, timeout: float) -> bool:
+        """Wait until the motion has started, at most `timeout` [s]."""
+        return self._started.wait(timeout)
+
+    def motion_time(self, now: float) -> float:
+        """Motion time at a host time [s]; zero before the start."""
+        return 0.0 if self._zero is None else max(0.0, now - self._zero)
+
+    def _wake(self) -> None:
+        os.write(self._wake_write, b"\0")
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            now = time.monotonic()
+            due = self._next_cycle if not self._outgoing else self._outgoing[0][0]
+            wait = max(0.0, min(due, self._next_cycle) - now)
+            descriptors = [self._wake_read, *self._endpoint.readable()]
+            ready, _, _ = select.select(descriptors, [], [], wait)
+            if self._wake_read in ready:
+                os.read(self._wake_read, 256)
+            if any(fd != self._wake_read for fd in ready):
+                self._receive()
+            now = time.monotonic()
+            if now >= self._next_cycle:
+                self._cycle(now)
+            self._flush(now)
+
+    def _receive(self) -> None:
+        data = self._endpoint.read()
+        if not data:
+            return
+        now = time.monotonic()
+        self.counters.command_bytes += len(data)
+        t = self.motion_time(now)
+        answers = self.unit.receive(data, self._device_time(now), self._pose_at, t)
+        if self.unit.continuous and self._start == "continuous" and self._zero is None:
+            # Motion zero is this very moment: the next cycle is the first, due now.
+            self._next_cycle = now
+            self._begin_asked = True
+        if not self.faults.is_silent(t):
+            self._send(answers, now)
+            for _ in range(self.unit.polls):
+                self._send_records(now)
+        self.unit.polls = 0
+
+    def _cycle(self, now: float) -> None:
+        instant = self._next_cycle
+        if now - instant > _MAX_BACKLOG:
+            # The process was held up: leave out what is long past, stay on the grid.
+            missed = int((now - instant) / self._period)
+            instant += missed * self._period
+            self.counters.overruns += missed
+        self._next_cycle = instant + self._period
+        if self._begin_asked and self._zero is None:
+            self._zero = instant
+            self._started.set()
+            if self._on_start is not None:
+                self._on_start(instant)
+        t = self.motion_time(instant)
+        if self._zero is not None and self.faults.takes_power_cycle(t):
+            self.unit.receive(commands.RESET, self._device_time(now), self._pose_at, t)
+            self._outgoing.clear()
+        if self.faults.is_silent(t):
+            self._outgoing.clear()
+        elif self.unit.streaming:
+            queued = sum(len(data) for _, data in self._outgoing)
+            if self._line_free - now > _MAX_BACKLOG or queued > _MAX_QUEUED:
+                self.counters.overruns += 1
+                return
+            self._send_records(instant)
+
+    def _send_records(self, instant: float) -> None:
+        t = self.motion_time(instant)
+        now = time.monotonic()
+        self.counters.cycles += 1
+
+        def bent(at: float) -> list[StationPose | None]:
+            poses = self._pose_at(at)
+            return [self.faults.bend(n, pose, t) for n, pose in enumerate(poses, start=1)]
+
+        for _, record in self.unit.records(bent, t, self._device_time(instant)):
+            self.counters.records += 1
+            self._send(self.faults.spoil(self.unit.encode(record), t), now)
+
+    def _send(self, data: bytes, now: float) -> None:
+        if data:
+            self._line_free = max(now, self._line_free) + len(data) * self._seconds_per_byte
+            self._outgoing.append((self._line_free, data))
+
+    def _flush(self, now: float) -> None:
+        due = bytearray()
+        while self._outgoing and self._outgoing[0][0] <= now:
+            due += self._outgoing.popleft()[1]
+        if due:
+            sent = self._endpoint.write(bytes(due))
+            if sent < len(due):
+                self._outgoing.appendleft((now + _RETRY_PAUSE, bytes(due[sent:])))
+
+    def _device_time(self, now: float) -> float:
+        return (now - self._power_on) * self._speed
