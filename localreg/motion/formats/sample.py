@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
-from xml.etree import ElementTree
+from xml.etree import ElementTree as ET
 
 import numpy as np
 from jaxtyping import Float, Float32
@@ -95,7 +95,7 @@ def read_clips(path: Path) -> list[Clip]:
         raise MotionError(f"{path} is not a file of sample motions: it lacks the mark EPMOCAP1")
     cursor = _Cursor(data, len(_MAGIC))
     try:
-        return [_read_clip(cursor) for _ in range(cursor.take("<I"))]
+        return [_read_clip(cursor) for _ in range(cursor.count())]
     except (struct.error, UnicodeDecodeError, ValueError) as error:
         raise MotionError(
             f"{path} is damaged at byte {cursor.position}; install envpool-assets again"
@@ -117,7 +117,7 @@ def read_humanoid(path: Path, scale: float = SCALE) -> Subject:
     """
     try:
         # The file is part of an installed package, so it is as trusted as any code here.
-        tree = ElementTree.fromstring(read_bytes(path))  # noqa: S314
+        tree = ET.fromstring(read_bytes(path))  # noqa: S314
         starts, frames, parents = _rest_pose(tree)
         offsets = default_offsets()
         for index, bone in enumerate(BONES):
@@ -129,7 +129,7 @@ def read_humanoid(path: Path, scale: float = SCALE) -> Subject:
         joints = [joint.get("name") for joint in tree.iter("joint") if joint.get("name")]
         if joints != list(DOF_NAMES):
             raise ValueError("its joints are others")
-    except (ElementTree.ParseError, KeyError, ValueError) as error:
+    except (ET.ParseError, KeyError, ValueError) as error:
         raise MotionError(f"{path} is not the expected CMU humanoid: {error}") from error
     axis_frames = default_axis_frames()
     for index, bone in enumerate(BONES):
@@ -196,14 +196,14 @@ def _motion(clip: Clip, subject: Subject, path: Path) -> Motion:
 
 
 def _rest_pose(
-    tree: ElementTree.Element,
-) -> tuple[dict[str, Float[ndarray, "3"]], dict[str, Rotation], dict[str, str]]:
+    tree: ET.Element,
+) -> tuple[dict[str, ndarray], dict[str, Rotation], dict[str, str]]:
     """Starts and frames of all bodies at rest in root axes, and the parents' names."""
-    starts: dict[str, Float[ndarray, "3"]] = {"root": np.zeros(3)}
+    starts: dict[str, ndarray] = {"root": np.zeros(3)}
     frames = {"root": Rotation.identity()}
     parents: dict[str, str] = {}
 
-    def descend(element: ElementTree.Element, parent: str) -> None:
+    def descend(element: ET.Element, parent: str) -> None:
         for child in element.findall("body"):
             name = child.get("name", "")
             place = np.array((child.get("pos") or "0 0 0").split(), dtype=np.float64)

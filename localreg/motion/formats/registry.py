@@ -1,0 +1,137 @@
+"""Which module reads or writes which kind of file, found by suffix.
+
+A format module has `read(path, options) -> list[Motion]` or `write(motion, path)` or both,
+and is imported when the first such file is met.
+"""
+
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Final
+
+from localreg.body.subject import Subject
+from localreg.errors import MotionError
+from localreg.motion.motion import Motion
+
+DEFAULT_RATE: Final = 120.0
+"""Frames a second of files that do not say it: the rate at which CMU recorded [Hz]."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReadOptions:
+    """What a reader is told beyond the file; None leaves it to the file.
+
+    Attributes:
+        rate: frames a second, whatever the file says [Hz].
+        source_rate: frames a second of files that do not say it [Hz].
+        metres_per_unit: length of the file's unit [m].
+        subject: whose bones move, instead of those that the file brings.
+    """
+
+    rate: float | None = None
+    source_rate: float | None = None
+    metres_per_unit: float | None = None
+    subject: Subject | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("rate", "source_rate", "metres_per_unit"):
+            value = getattr(self, name)
+            if value is not None and not 0.0 < value < float("inf"):
+                raise MotionError(f"{name} is {value}; it must be a positive number")
+
+    def rate_without_file(self) -> float:
+        """The rate of a motion whose file carries none [Hz]."""
+        return self.rate or self.source_rate or DEFAULT_RATE
+
+
+@dataclass(frozen=True, slots=True)
+class Format:
+    """A kind of motion file.
+
+    Attributes:
+        name: what people call it.
+        suffixes: the file name endings it goes by, in lower case.
+        module: the module that knows it.
+        reads: whether it can be read.
+        writes: whether it can be written.
+        carries_rate: whether its files say their rate.
+    """
+
+    name: str
+    suffixes: tuple[str, ...]
+    module: str
+    reads: bool = True
+    writes: bool = True
+    carries_rate: bool = True
+
+
+FORMATS: Final = (
+    Format("Acclaim", (".amc",), "localreg.motion.formats.asf_amc", carries_rate=False),
+    Format("Biovision", (".bvh",), "localreg.motion.formats.bvh"),
+)
+"""All kinds of motion files."""
+
+
+def readable_suffixes() -> tuple[str, ...]:
+    """Endings of the files that can be read."""
+    return tuple(suffix for f in FORMATS if f.reads for suffix in f.suffixes)
+
+
+def writable_suffixes() -> tuple[str, ...]:
+    """Endings of the files that can be written."""
+    return tuple(suffix for f in FORMATS if f.writes for suffix in f.suffixes)
+
+
+def format_of(path: Path) -> Format | None:
+    """The kind of a file by its ending, whether it exists or not."""
+    return next((f for f in FORMATS if path.suffix.lower() in f.suffixes), None)
+
+
+def rate_rule(path: Path, options: ReadOptions) -> str:
+    """In a few words, which rule gives the rate of the motion in a file."""
+    if options.rate is not None:
+        return "override"
+    form = format_of(path)
+    if form is not None and form.carries_rate:
+        return "file"
+    return "source rate" if options.source_rate is not None else f"default {DEFAULT_RATE:g} Hz"
+
+
+def read_motion(path: Path | str, options: ReadOptions | None = None) -> list[Motion]:
+    """The motions in a file; most kinds hold one.
+
+    Args:
+        path: the file; its ending tells the kind.
+        options: what to assume beyond the file.
+
+    Raises:
+        MotionError: the kind is unknown, or the file cannot be read as it; names the line.
+    """
+    path = Path(path)
+    form = format_of(path)
+    if form is None or not form.reads:
+        raise MotionError(
+            f"cannot read {path}: files ending in {path.suffix or 'nothing'} are not known, "
+            f"only {', '.join(readable_suffixes())}"
+        )
+    return import_module(form.module).read(path, options or ReadOptions())
+
+
+def write_motion(motion: Motion, path: Path | str) -> None:
+    """Write a motion as the kind of file that the ending tells.
+
+    Raises:
+        MotionError: the kind is unknown, or the file cannot be written.
+    """
+    path = Path(path)
+    form = format_of(path)
+    if form is None or not form.writes:
+        raise MotionError(
+            f"cannot write {path}: files ending in {path.suffix or 'nothing'} are not known, "
+            f"only {', '.join(writable_suffixes())}"
+        )
+    try:
+        import_module(form.module).write(motion, path)
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise MotionError(f"cannot write {path}: {reason}; choose another place") from error
