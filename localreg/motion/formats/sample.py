@@ -19,7 +19,7 @@ from typing import Final
 from xml.etree import ElementTree as ET
 
 import numpy as np
-from jaxtyping import Float, Float32
+from jaxtyping import Float32
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
