@@ -1,4 +1,4 @@
-"""What every test needs: double precision, and the folder of real motions if there is one."""
+"""What all tests share: double precision, and the real motions if they are at hand."""
 
 import os
 from pathlib import Path
@@ -11,11 +11,10 @@ jax.config.update("jax_enable_x64", True)
 
 @pytest.fixture(scope="session")
 def motions_dir() -> Path:
-    """Folder of CMU motions that LOCALREG_MOTIONS names; skips the test without it."""
-    folder = os.environ.get("LOCALREG_MOTIONS")
-    if not folder:
+    """The folder of real motion files, named by LOCALREG_MOTIONS."""
+    name = os.environ.get("LOCALREG_MOTIONS", "")
+    if not name:
         pytest.skip("set LOCALREG_MOTIONS to a folder of CMU motions to run this test")
-    path = Path(folder)
-    if not path.is_dir():
-        pytest.fail(f"LOCALREG_MOTIONS names {path}, which is no folder")
-    return path
+    folder = Path(name)
+    assert folder.is_dir(), f"LOCALREG_MOTIONS names {folder}, which is no folder"
+    return folder

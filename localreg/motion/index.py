@@ -15,10 +15,10 @@ _COLUMNS: Final = ("subject", "trial", "description")
 _MAX_CLIMB: Final = 6
 
 # Folders that sort files by kind or person, not by what is done in them.
-_NOT_ACTIVITIES: Final = frozenset(
-    ("all", "amc", "asf", "bvh", "clips", "cmu", "cmu-bvh", "data", "inferred", "mocap")
-    + ("motion", "motions", "subjects")
-)
+_NOT_ACTIVITIES: Final = frozenset({
+    "all", "amc", "asf", "bvh", "clips", "cmu", "cmu-bvh", "data", "inferred", "mocap", "motion",
+    "motions", "subjects",
+})  # fmt: skip
 
 
 def activity_of(path: Path, trial: str, root: Path, skeleton: str = "") -> str:

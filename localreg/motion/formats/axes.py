@@ -34,9 +34,11 @@ def positions_to_y_up(positions: Float[ndarray, "frames 3"]) -> Float[ndarray, "
 def quaternions_from_y_up(turns: Rotation) -> Float[ndarray, "frames 4"]:
     """World quaternions w x y z of the root's rotations in a y-up world.
 
-    Neighbouring frames lie in one hemisphere, so that no sign jumps.
+    The first has w >= 0, and neighbouring frames lie in one hemisphere: no sign jumps.
     """
     quaternions = (_A * turns).as_quat(scalar_first=True)
+    if len(quaternions) and quaternions[0, 0] < 0.0:
+        quaternions[0] *= -1.0
     flips = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0.0
     quaternions[1:] *= np.where(np.cumsum(flips) % 2 == 1, -1.0, 1.0)[:, None]
     return quaternions

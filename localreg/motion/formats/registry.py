@@ -67,6 +67,7 @@ class Format:
 
 FORMATS: Final = (
     Format("Acclaim", (".amc",), "localreg.motion.formats.asf_amc", carries_rate=False),
+    Format("Biovision", (".bvh",), "localreg.motion.formats.bvh"),
 )
 """All kinds of motion files."""
 

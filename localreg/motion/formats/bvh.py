@@ -1,0 +1,253 @@
+"""Motions in BVH files on the canonical skeleton, named as in the BVH releases of CMU's set.
+
+All bones' rest frames are the root's, so a joint's rotation is the bone's own turn
+R = C Rz Ry Rx C^T; joint angles are recovered from it, exactly where the bone's hinges
+can take it, and what they cannot is noted. Files that we write are y up, in centimetres,
+which most programs assume, with the channels of CMU's. BVH has no place for the axis
+frames C: reading back assumes the canonical skeleton's, which are those of CMU's files.
+"""
+
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+from scipy.spatial.transform import Rotation
+
+from localreg.body.skeleton import BONE_NAMES, BONES, DOF_COUNT, default_offsets
+from localreg.body.subject import Subject, canonical_subject
+from localreg.motion.formats.axes import (
+    CMU_UNIT,
+    INCH,
+    positions_from_y_up,
+    positions_to_y_up,
+    quaternions_from_y_up,
+    rotations_to_y_up,
+)
+from localreg.motion.formats.bvh_file import BvhFile, Joint, read_bvh_file
+from localreg.motion.formats.registry import ReadOptions
+from localreg.motion.formats.text import fault
+from localreg.motion.ids import normal_trial, subject_of_trial
+from localreg.motion.joint_angles import bone_rotations, continuous_zyx, joint_angles
+from localreg.motion.motion import Motion, Provenance
+
+_LEFT: Final = {
+    "lhipjoint": "LHipJoint", "lfemur": "LeftUpLeg", "ltibia": "LeftLeg", "lfoot": "LeftFoot",
+    "ltoes": "LeftToeBase", "lclavicle": "LeftShoulder", "lhumerus": "LeftArm",
+    "lradius": "LeftForeArm", "lwrist": "LeftHand", "lhand": "LeftFingerBase",
+    "lfingers": "LeftHandIndex1", "lthumb": "LThumb",
+}  # fmt: skip
+
+JOINT_NAMES: Final = {
+    "root": "Hips", "lowerback": "LowerBack", "upperback": "Spine", "thorax": "Spine1",
+    "lowerneck": "Neck", "upperneck": "Neck1", "head": "Head",
+    **_LEFT,
+    **{
+        "r" + bone[1:]: name.replace("Left", "Right", 1) if "Left" in name else "R" + name[1:]
+        for bone, name in _LEFT.items()
+    },
+}  # fmt: skip
+"""The joint that starts each bone."""
+
+_UNITS: Final = {"metres": 1.0, "CMU units": CMU_UNIT, "inches": INCH, "centimetres": 0.01,
+                 "millimetres": 0.001}  # fmt: skip
+_WRITTEN_UNIT: Final = _UNITS["centimetres"]
+
+# CMU's BVH skeleton leaves these out: it gives them no length.
+_LEFT_OUT: Final = ("thorax", "lwrist", "rwrist")
+
+_LEG: Final = tuple(BONE_NAMES.index(name) for name in ("lfemur", "ltibia", "rfemur", "rtibia"))
+_NOTED_RESIDUAL: Final = np.radians(0.05)
+_NOTED_SHIFT: Final = 1e-3
+
+
+def read(path: Path, options: ReadOptions) -> list[Motion]:
+    """Read a BVH file of the canonical skeleton.
+
+    The unit is the one that makes the legs most like a person's, unless `options` says it.
+    The bones that CMU's BVH skeleton leaves out (thorax and wrists) take the canonical
+    skeleton's proportions. Joint angles stand for the joints' rotations; what the bones'
+    hinges cannot take is lost and noted.
+
+    Raises:
+        MotionError: the file is faulty or has another skeleton; names the line.
+    """
+    file = read_bvh_file(path, options.rate)
+    joints = _recognise(file)
+    notes = list(file.notes)
+    offsets = _offsets(joints, notes)
+    _note_moving_starts(file, notes)
+    unit = options.metres_per_unit
+    if unit is None:
+        name, unit = _guess_unit(offsets)
+        notes.append(f"lengths taken as {name}")
+    trial = normal_trial(path.stem)
+    if options.subject is None:
+        subject = _subject(subject_of_trial(path.stem) or path.stem, offsets * unit, notes)
+    else:
+        subject = options.subject
+    root = joints["root"]
+    turns = np.stack([file.rotations(joints[bone]) for bone in BONE_NAMES], axis=1)
+    angles, residuals = joint_angles(turns, subject.axis_frames)
+    for bone, residual in zip(BONE_NAMES, residuals.max(axis=0), strict=True):
+        if residual > _NOTED_RESIDUAL:
+            notes.append(
+                f"{bone}: its hinges cannot take up to {np.degrees(residual):.1f} deg of rotation"
+            )
+    qpos = np.empty((len(file.values), 7 + DOF_COUNT))
+    qpos[:, :3] = positions_from_y_up(file.positions(root) * unit)
+    qpos[:, 3:7] = quaternions_from_y_up(Rotation.from_matrix(file.rotations(root)))
+    qpos[:, 7:] = angles
+    provenance = Provenance(
+        name=trial,
+        subject=subject_of_trial(path.stem),
+        trial=trial,
+        source=str(path),
+        notes=tuple(notes),
+    )
+    return [Motion(qpos, file.rate, subject, provenance)]
+
+
+def write(motion: Motion, path: Path) -> None:
+    """Write a motion as a BVH file in centimetres, y up.
+
+    Six decimals keep a millionth of a degree and of a centimetre. Axis frames and tracker
+    mounts are lost.
+    """
+    turns = bone_rotations(motion.angles, motion.subject.axis_frames)
+    order = _depth_first("root")
+    root = rotations_to_y_up(motion.qpos[:, 3:7]).as_matrix()
+    columns = [positions_to_y_up(motion.qpos[:, :3]) / _WRITTEN_UNIT]
+    for bone in order:
+        turn = root if bone == "root" else turns[:, BONE_NAMES.index(bone)]
+        columns.append(np.degrees(continuous_zyx(turn)))
+    table = np.hstack(columns)
+    row = " ".join(["%.6f"] * table.shape[1])
+    lines = ["HIERARCHY", *_hierarchy("root", motion.subject, 0), "MOTION"]
+    lines += [f"Frames: {len(motion)}", f"Frame Time: {1.0 / motion.rate:.12f}"]
+    lines += [row % tuple(values) for values in table.tolist()]
+    path.write_text("\n".join([*lines, ""]), encoding="utf-8")
+
+
+def _recognise(file: BvhFile) -> dict[str, Joint]:
+    """The joint that starts each bone, and the root's; every joint must be one of them."""
+    bones = {name: bone for bone, name in JOINT_NAMES.items()}
+    strange = [joint for joint in file.joints if joint.name not in bones]
+    if strange:
+        names = ", ".join(joint.name for joint in strange)
+        raise fault(
+            file.path,
+            strange[0].line,
+            f"joints not recognised: {names}; only the skeleton of CMU's BVH files (Hips, "
+            "LHipJoint, LeftUpLeg, ...) can be read without retargeting",
+        )
+    joints: dict[str, Joint] = {}
+    for joint in file.joints:
+        bone = bones[joint.name]
+        if bone in joints:
+            raise fault(file.path, joint.line, f"joint {joint.name} occurs twice; rename one")
+        joints[bone] = joint
+    root_line = file.joints[0].line
+    for bone in BONES:
+        if bone.name not in joints:
+            missing = JOINT_NAMES[bone.name]
+            raise fault(file.path, root_line, f"joint {missing} is missing; retarget this file")
+        joint = joints[bone.name]
+        parent = file.joints[joint.parent].name
+        if parent != JOINT_NAMES[bone.parent]:
+            raise fault(
+                file.path,
+                joint.line,
+                f"joint {joint.name} hangs on {parent}, in CMU's skeleton on "
+                f"{JOINT_NAMES[bone.parent]}; other skeletons must be retargeted",
+            )
+    return joints
+
+
+def _offsets(joints: dict[str, Joint], notes: list[str]) -> Float[ndarray, "30 3"]:
+    """Vectors from start to end of the bones [file units]; NaN where the file has none."""
+    offsets = np.full((len(BONES), 3), np.nan)
+    shifted = []
+    for index, bone in enumerate(BONES):
+        joint = joints[bone.name]
+        ends = [joints[child.name].offset for child in BONES if child.parent == bone.name]
+        if not ends and joint.end is not None:
+            ends = [joint.end]
+        if ends:
+            offsets[index] = ends[0]
+            scale = float(np.linalg.norm(joints["ltibia"].offset))
+            if any(np.linalg.norm(end - ends[0]) > _NOTED_SHIFT * scale for end in ends):
+                shifted.append(bone.name)
+        if bone.parent == "root":
+            if not bone.dofs:  # it never turns, so that a start off the root can go into it
+                offsets[index] += joint.offset
+            elif np.any(np.abs(joint.offset) > 0.0):
+                notes.append(f"{joint.name} starts off the root; moved to it")
+    for name in shifted:
+        notes.append(f"the joints at the end of {name} start apart; moved to the first of them")
+    return offsets
+
+
+def _note_moving_starts(file: BvhFile, notes: list[str]) -> None:
+    """Note the joints whose own position channels stretch the bones: ours keep their length."""
+    moving = []
+    for joint in file.joints[1:]:
+        shift = np.abs(file.positions(joint) - joint.offset)
+        if np.any(shift > _NOTED_SHIFT * max(float(np.linalg.norm(joint.offset)), 1e-9)):
+            moving.append(joint.name)
+    if moving:
+        notes.append(f"position channels left out, bones keep their length: {', '.join(moving)}")
+
+
+def _guess_unit(offsets: Float[ndarray, "30 3"]) -> tuple[str, float]:
+    """The unit that makes the legs most like the canonical skeleton's, and its name."""
+    length = np.sum(np.linalg.norm(offsets[list(_LEG)], axis=1))
+    usual = np.sum(np.linalg.norm(default_offsets()[list(_LEG)], axis=1))
+    ratio = max(float(length / usual), 1e-12)
+    return min(_UNITS.items(), key=lambda item: abs(np.log(ratio * item[1])))
+
+
+def _subject(name: str, offsets: Float[ndarray, "30 3"], notes: list[str]) -> Subject:
+    """The subject of these bones [m], completed where the file has none."""
+    canonical = default_offsets()
+    lengths = np.linalg.norm(offsets, axis=1)
+    missing = np.isnan(lengths)
+    left_out = [BONE_NAMES.index(bone) for bone in _LEFT_OUT]
+    if np.all(lengths[left_out] < 1e-9):
+        missing[left_out] = True
+    if np.any(missing):
+        given = ~missing
+        scale = np.sum(lengths[given]) / np.sum(np.linalg.norm(canonical[given], axis=1))
+        offsets = np.where(missing[:, None], scale * canonical, offsets)
+        names = ", ".join(np.array(BONE_NAMES)[missing].tolist())
+        notes.append(f"bones that the file leaves out take usual proportions: {names}")
+    return Subject.from_offsets(name, offsets, canonical_subject().axis_frames)
+
+
+def _depth_first(bone: str) -> list[str]:
+    children = [child.name for child in BONES if child.parent == bone]
+    return [bone, *(name for child in children for name in _depth_first(child))]
+
+
+def _hierarchy(bone: str, subject: Subject, depth: int) -> list[str]:
+    """The lines of a joint and all below it."""
+    index = BONE_NAMES.index(bone) if bone != "root" else -1
+    parent = BONES[index].parent if index >= 0 else "root"
+    start = subject.offsets[BONE_NAMES.index(parent)] if parent != "root" else np.zeros(3)
+    turns = "Zrotation Yrotation Xrotation"
+    kind, channels = ("JOINT", f"3 {turns}")
+    if bone == "root":
+        kind, channels = "ROOT", f"6 Xposition Yposition Zposition {turns}"
+    inner = [f"OFFSET {_vector(start)}", f"CHANNELS {channels}"]
+    children = [child.name for child in BONES if child.parent == bone]
+    lines = [f"{kind} {JOINT_NAMES[bone]}", "{", *(f"\t{line}" for line in inner)]
+    for child in children:
+        lines += [f"\t{line}" for line in _hierarchy(child, subject, depth + 1)]
+    if not children:
+        lines += ["\tEnd Site", "\t{", f"\t\tOFFSET {_vector(subject.offsets[index])}", "\t}"]
+    return [*lines, "}"]
+
+
+def _vector(offset: Float[ndarray, "3"]) -> str:
+    return " ".join(f"{value / _WRITTEN_UNIT:.6f}" for value in offset)
