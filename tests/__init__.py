@@ -1,0 +1,3 @@
+"""The tests; jaxtyping's import hook finds the checker of signatures as `tests.typecheck`."""
+
+from tests import typecheck as typecheck
