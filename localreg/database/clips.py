@@ -66,11 +66,10 @@ class Clip:
         Raises:
             TypeError: a field is missing, unknown or of another type.
         """
-        clip = cls(**entry)
         for field, kind in cls.__annotations__.items():
-            if type(getattr(clip, field)) is not kind:
-                raise TypeError(f"clip field {field!r} is not {kind.__name__}")
-        return clip
+            if type(entry.get(field)) is not kind:
+                raise TypeError(f"clip field {field!r}, which is no {kind.__name__}")
+        return cls(**entry)
 
 
 def merged_groups(groups: Sequence[int], pairs: Iterable[tuple[int, int]]) -> list[int]:
