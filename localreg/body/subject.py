@@ -92,8 +92,17 @@ class Subject:
     def __post_init__(self) -> None:
         if not np.all(np.isfinite(self.lengths)) or np.any(self.lengths < 0):
             raise SubjectError(f"subject {self.name!r} has a bone length that is no length")
-        if np.any(np.abs(np.linalg.norm(self.directions, axis=1) - 1.0) > 1e-6):
+        # Written so that NaN, which compares as false, fails too.
+        if not np.all(np.abs(np.linalg.norm(self.directions, axis=1) - 1.0) <= 1e-6):
             raise SubjectError(f"subject {self.name!r} has a bone direction not of unit length")
+        squares = self.axis_frames @ np.swapaxes(self.axis_frames, 1, 2)
+        turns = np.abs(squares - np.eye(3)).max(axis=(1, 2)) <= 1e-4
+        turns &= np.linalg.det(self.axis_frames) > 0.0
+        if not np.all(turns):
+            bone = BONE_NAMES[int(np.argmin(turns))]
+            raise SubjectError(
+                f"subject {self.name!r} has an axis frame of bone {bone} that is no rotation"
+            )
         trackers = [mount.tracker for mount in self.mounts]
         if len(set(trackers)) != len(trackers):
             raise SubjectError(f"subject {self.name!r} mounts a tracker twice: {trackers}")
@@ -173,7 +182,11 @@ def _default_mounts(offsets: Float[ndarray, "30 3"]) -> tuple[Mount, ...]:
 
 
 def write_subject(subject: Subject, path: Path) -> None:
-    """Write a subject as TOML: lengths by name [m], directions, axis frames, mounts."""
+    """Write a subject as TOML: lengths by name [m], directions, axis frames, mounts.
+
+    Raises:
+        SubjectError: the file cannot be written.
+    """
     document = {
         "version": FORMAT_VERSION,
         "name": subject.name,
@@ -198,7 +211,10 @@ def write_subject(subject: Subject, path: Path) -> None:
             for mount in subject.mounts
         ],
     }
-    path.write_text(tomli_w.dumps(document))
+    try:
+        path.write_text(tomli_w.dumps(document), encoding="utf-8")
+    except OSError as error:
+        raise SubjectError(f"cannot write subject file {path}: {error.strerror}") from error
 
 
 def read_subject(path: Path) -> Subject:
@@ -208,7 +224,7 @@ def read_subject(path: Path) -> Subject:
         SubjectError: the file is not readable as a subject; names the file and the entry.
     """
     try:
-        document = tomllib.loads(path.read_text())
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise SubjectError(f"cannot read subject file {path}: {error.strerror}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:

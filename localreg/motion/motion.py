@@ -119,9 +119,10 @@ class Motion:
         qpos[:, 0] *= -1.0
         qpos[:, 5:7] *= -1.0
         qpos[:, 7:] = self.angles[:, MIRROR_DOFS] * MIRROR_SIGNS
+        name = self.provenance.name
         provenance = replace(
             self.provenance,
-            name=self.provenance.name + "-mirrored",
+            name=name.removesuffix("-mirrored") if self.provenance.mirrored else name + "-mirrored",
             mirrored=not self.provenance.mirrored,
         )
         return replace(self, qpos=qpos, subject=self.subject.mirrored(), provenance=provenance)
