@@ -10,15 +10,19 @@ So the assembler does three things instead of waiting:
 
 1. *It locks the phase.* If the samples come at the rate of the frames, the grid of instants
    drifts, by at most 1 % of a period a frame, until it lies on the sample times. A frame is
-   then complete when its last station has arrived, and interpolation has nothing to do. At
-   any other rate (52 Hz, say) the phase of the samples turns, the lock sees that and leaves
-   the grid alone; then Ts < T, and what remains to extrapolate is at most Ts - d.
+   then complete when its last station has arrived, and interpolation has nothing to do. If
+   the stations of one instant take longer than d to cross the line (six at 115200 baud:
+   20 ms), the grid settles that much behind the samples, and a few milliseconds are
+   extrapolated instead of a whole period lost. At any other rate (52 Hz, say) the phase of
+   the samples turns, the lock sees that and leaves the grid alone; then Ts < T, and what
+   remains to extrapolate is at most Ts plus the time on the line less d.
 2. *It closes early.* A frame closes as soon as every living tracker has a sample at the
    instant or within `tolerance` before it; `delay` is only the worst case. No frame waits
    for a tracker that has been silent for longer than `stale_after`.
 3. *It does not coast.* Beyond `max_extrapolation` from the newest sample a tracker is masked:
-   the prior of the synthesis knows better than a straight line. The default, three quarters
-   of a period, admits any phase at 40 Hz and 12.5 ms but no lost sample.
+   the prior of the synthesis knows better than a straight line. The default, 95 % of a
+   period, admits a full line (52 Hz, 17 ms on the way, d = 12.5 ms: at most 24 ms), but a
+   lost sample of a 40 Hz stream is masked.
 
 Outliers pass: telling them from motion is the business of the robust energy downstream.
 The core is pure (`push`, `poll` with a given time), holds no thread and reads no clock.
@@ -41,6 +45,9 @@ _LOCK_SMOOTHING = 1.0 / 64.0
 _LOCK_CONCENTRATION = 0.9
 _LOCK_GAIN = 0.1
 _LOCK_MAX_STEP = 0.01
+_LAG_QUANTILE = 0.95
+_LAG_STEP = 0.02
+_LAG_MARGIN = 0.08
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +60,7 @@ class AssemblerConfig:
         tolerance: a sample this little before the instant completes a frame [s]; default a
             tenth of a period.
         max_extrapolation: farthest from its newest sample a tracker is still reported [s];
-            default three quarters of a period, at most one period.
+            default 95 % of a period, at most one period.
         max_gap: longest pause between two samples that is still bridged [s]; default four
             periods.
         stale_after: a tracker silent for longer is not waited for [s]; default two and a
@@ -149,25 +156,36 @@ class AssemblerCounters:
 
 @dataclass(slots=True)
 class _PhaseLock:
-    """Where in the period the samples fall, as the mean of unit phasors.
+    """Where in the period the samples fall, and how long after it they arrive.
 
-    Its length tells a settled phase (1) from a turning one (0), its angle the place.
+    The place is kept as the mean of unit phasors: its length tells a settled phase (1) from
+    a turning one (0), its angle the place. The lag is a running 95 % quantile, for a single
+    hiccup of the host must not move the grid. All in periods.
     """
 
     mean: complex = 0j
     count: int = 0
+    lag: float = 0.0
 
-    def observe(self, phase: float) -> None:
-        """Take the place of one sample, in periods after a grid instant."""
+    def observe(self, phase: float, lag: float) -> None:
+        """Take one sample: its place after a grid instant, its arrival after its time."""
         self.count += 1
         weight = max(_LOCK_SMOOTHING, 1.0 / self.count)
         self.mean += weight * (cmath.exp(2j * math.pi * phase) - self.mean)
+        self.lag += _LAG_STEP * (_LAG_QUANTILE if lag > self.lag else _LAG_QUANTILE - 1.0)
 
-    def step(self) -> float:
-        """How far to move the grid now, in periods; 0 while the phase turns."""
+    def offset(self, delay: float) -> float:
+        """How far behind its sample an instant should lie so that the sample makes it."""
         if abs(self.mean) < _LOCK_CONCENTRATION:
             return 0.0
-        error = cmath.phase(self.mean) / (2.0 * math.pi)
+        return min(0.5, max(0.0, self.lag + _LAG_MARGIN - delay))
+
+    def step(self, delay: float) -> float:
+        """How far to move the grid now; 0 while the phase turns."""
+        if abs(self.mean) < _LOCK_CONCENTRATION:
+            return 0.0
+        error = cmath.phase(self.mean) / (2.0 * math.pi) + self.offset(delay)
+        error -= round(error)
         shift = min(_LOCK_MAX_STEP, max(-_LOCK_MAX_STEP, _LOCK_GAIN * error))
         self.mean *= cmath.exp(-2j * math.pi * shift)
         return shift
@@ -205,7 +223,7 @@ class FrameAssembler:
         c, T = self.config, 1.0 / self.config.rate
         self.period = T
         self._tolerance = 0.1 * T if c.tolerance is None else c.tolerance
-        self._max_extrapolation = 0.75 * T if c.max_extrapolation is None else c.max_extrapolation
+        self._max_extrapolation = 0.95 * T if c.max_extrapolation is None else c.max_extrapolation
         self._max_gap = 4.0 * T if c.max_gap is None else c.max_gap
         self._stale_after = 2.5 * T if c.stale_after is None else c.stale_after
         self._rows = {name: j for j, name in enumerate(self.trackers)}
@@ -270,7 +288,8 @@ class FrameAssembler:
         elif sample.time <= grid.next - self.period and grid.index > 0:
             self.counters.late += 1
         if self.config.lock_phase:
-            grid.lock.observe((sample.time - grid.next) / self.period)
+            phase = (sample.time - grid.next) / self.period
+            grid.lock.observe(phase, (arrived - sample.time) / self.period)
         return True
 
     def poll(self, now: float) -> list[AssembledFrame]:
@@ -306,25 +325,34 @@ class FrameAssembler:
         if self._grid.index == 0 and not all(map(len, self._histories)):
             return False
         alive = [h.newest for h in self._histories if h.newest >= instant - self._stale_after]
-        return bool(alive) and min(alive) >= instant - self._tolerance
+        offset = self._grid.lock.offset(self.config.delay / self.period) * self.period
+        return bool(alive) and min(alive) >= instant - self._tolerance - offset
 
     def _close(self, now: float) -> AssembledFrame:
         grid, counters = self._grid, self.counters
         t, J = grid.next, len(self.trackers)
         mask: NDArray[np.bool_] = np.zeros(J, dtype=np.bool_)
         newest_arrival = -math.inf
+        p_older, p_newer = self._positions.copy(), self._positions.copy()
+        q_older, q_newer = self._quaternions.copy(), self._quaternions.copy()
+        fractions = np.zeros(J)
         for j, history in enumerate(self._histories):
-            entry = history.at(t, self._tolerance, self._max_extrapolation, self._max_gap)
-            if entry is None:
+            bracket = history.at(t, self._tolerance, self._max_extrapolation, self._max_gap)
+            if bracket is None:
                 counters.masked += 1
                 continue
-            self._positions[j], self._quaternions[j], arrived = entry
+            p_older[j], q_older[j] = bracket.older
+            p_newer[j], q_newer[j] = bracket.newer
+            fractions[j] = bracket.fraction
             mask[j] = True
-            newest_arrival = max(newest_arrival, arrived)
+            newest_arrival = max(newest_arrival, bracket.arrival)
             if t - history.newest > self._tolerance:
                 counters.extrapolated += 1
             else:
                 counters.interpolated += 1
+        f = fractions[:, None]
+        self._positions = (1.0 - f) * p_older + f * p_newer
+        self._quaternions = rotation.slerp(q_older, q_newer, fractions)
         # Copies: the frame is the caller's, ours hold the last value for masked entries.
         frame = TrackerFrame(t, self._positions.copy(), self._quaternions.copy(), mask, mask.copy())
         assembled = AssembledFrame(
@@ -332,6 +360,6 @@ class FrameAssembler:
         )
         counters.frames += 1
         grid.index += 1
-        shift = grid.lock.step() if self.config.lock_phase else 0.0
+        shift = grid.lock.step(self.config.delay / self.period) if self.config.lock_phase else 0.0
         grid.next = t + (1.0 + shift) * self.period
         return assembled

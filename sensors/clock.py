@@ -20,6 +20,9 @@ the device settings may subtract.
 import itertools
 from collections import deque
 
+_SETTLED_BUCKETS = 10
+_SETTLED_DELAY = 0.02
+
 
 class DeviceClock:
     """Maps the times of one device to the host's monotonic clock.
@@ -121,6 +124,14 @@ class DeviceClock:
         return arrival - self._late_since > self._patience
 
     def _fit(self) -> None:
+        # Nothing near the line for many seconds: not a queue but a step too small to be seen
+        # at once. Only what came after it counts.
+        recent = list(self._minima)[-_SETTLED_BUCKETS:]
+        if len(recent) == _SETTLED_BUCKETS and all(
+            x + y - self.to_host(x) > _SETTLED_DELAY for x, y in recent
+        ):
+            self._minima.clear()
+            self._minima.extend(recent)
         points = list(self._minima)
         span = points[-1][0] - points[0][0]
         slope = self._slope

@@ -1,16 +1,32 @@
-"""The last few samples of one tracker, and its pose at an instant between or after them."""
+"""The last few samples of one tracker, and which of them tell its pose at an instant."""
 
 import bisect
 import math
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors import rotation
-
 Inserted = Literal["newest", "between", "duplicate", "forgotten"]
-Entry = tuple[NDArray[np.float64], NDArray[np.float64], float]
+
+
+@dataclass(frozen=True, slots=True)
+class Bracket:
+    """Two samples and where between (0..1) or past them (above 1) an instant lies.
+
+    Attributes:
+        older: position (3,) [m] and quaternion (4,) at fraction 0.
+        newer: the same at fraction 1.
+        fraction: of the way from the older to the newer.
+        arrival: newest arrival of the two [s].
+    """
+
+    older: tuple[NDArray[np.float64], NDArray[np.float64]]
+    newer: tuple[NDArray[np.float64], NDArray[np.float64]]
+    fraction: float
+    arrival: float
+
 
 # Two samples closer than this [s] are one: their difference says nothing about speed.
 _SAME_INSTANT = 1e-6
@@ -70,10 +86,8 @@ class TrackerHistory:
 
     def at(
         self, t: float, tolerance: float, max_extrapolation: float, max_gap: float
-    ) -> Entry | None:
-        """The pose at an instant.
-
-        Position is linear in time, orientation turns at constant speed (slerp).
+    ) -> Bracket | None:
+        """The samples that tell the pose at an instant.
 
         Args:
             t: the instant [s].
@@ -83,21 +97,20 @@ class TrackerHistory:
             max_gap: longest pause between two samples that is bridged [s].
 
         Returns:
-            Position (3,), quaternion (4,), and the arrival of the newer of the samples used
-            [s]; None if the samples do not reach.
+            Two samples to blend, or one sample twice; None if the samples do not reach.
         """
         i = bisect.bisect_left(self._times, t)
         if 0 < i < len(self._times) and self._times[i] - self._times[i - 1] <= max_gap:
-            return self._blend(i - 1, i, t)
+            return self._bracket(i - 1, i, t)
         nearest = [k for k in (i - 1, i) if 0 <= k < len(self._times)]
         age = t - self.newest
         if i == len(self._times) and age <= max_extrapolation:
             reference = self._speed_reference(max_gap)
             if reference is not None:
-                return self._blend(reference, i - 1, t)
+                return self._bracket(reference, i - 1, t)
         for k in nearest:
             if abs(self._times[k] - t) <= tolerance:
-                return self._positions[k], self._quaternions[k], self._arrivals[k]
+                return self._bracket(k, k, t)
         return None
 
     def _speed_reference(self, max_gap: float) -> int | None:
@@ -111,8 +124,11 @@ class TrackerHistory:
                 return k
         return None
 
-    def _blend(self, a: int, b: int, t: float) -> Entry:
-        f = (t - self._times[a]) / (self._times[b] - self._times[a])
-        position = (1.0 - f) * self._positions[a] + f * self._positions[b]
-        quaternion = rotation.slerp(self._quaternions[a], self._quaternions[b], np.array(f))
-        return position, quaternion, max(self._arrivals[a], self._arrivals[b])
+    def _bracket(self, a: int, b: int, t: float) -> Bracket:
+        span = self._times[b] - self._times[a]
+        return Bracket(
+            (self._positions[a], self._quaternions[a]),
+            (self._positions[b], self._quaternions[b]),
+            (t - self._times[a]) / span if a != b else 0.0,
+            max(self._arrivals[a], self._arrivals[b]),
+        )

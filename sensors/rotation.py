@@ -44,9 +44,18 @@ def multiply(a: Array, b: Array) -> Array:
 
 def rotate(q: Array, v: Array) -> Array:
     """Turn vectors (..., 3) by unit quaternions (..., 4)."""
-    u = q[..., 1:]
-    t = 2.0 * np.cross(u, v)
-    return v + q[..., :1] * t + np.cross(u, t)
+    # Written out: np.cross costs 20 us a call, too much on the way of every sample.
+    w, x, y, z = np.moveaxis(q, -1, 0)
+    a, b, c = np.moveaxis(v, -1, 0)
+    ta, tb, tc = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
+    return np.stack(
+        [
+            a + w * ta + y * tc - z * tb,
+            b + w * tb + z * ta - x * tc,
+            c + w * tc + x * tb - y * ta,
+        ],
+        axis=-1,
+    )
 
 
 def from_rotation_vector(v: Array) -> Array:
@@ -146,4 +155,5 @@ def angle_between(a: Array, b: Array) -> Array:
     """Angle of the rotation that takes `a` to `b`, 0..pi [rad], shape (...)."""
     dot = np.sum(a * b, axis=-1, keepdims=True)
     b = np.where(dot < 0.0, -b, b)
-    return 4.0 * np.arctan2(np.linalg.norm(b - a, axis=-1), np.linalg.norm(b + a, axis=-1))
+    half = np.arctan2(np.linalg.norm(b - a, axis=-1), np.linalg.norm(b + a, axis=-1))
+    return np.asarray(4.0 * half)

@@ -6,6 +6,7 @@ garbage counts as silence, for after a power failure the unit speaks another enc
 """
 
 import math
+import os
 import threading
 import time
 from collections.abc import Mapping
@@ -41,7 +42,8 @@ class Is900Config:
         room_translation: origin of the tracker's world in the room [m].
         prediction: prediction by the device, 0 to 50 [ms].
         transport_delay: smallest time from capture to arrival, subtracted from time stamps
-            [s].
+            [s]. By default the time of one record on the line (3.3 ms) if the port is a
+            serial port, and 0 for sockets and pseudo terminals, which carry bytes at once.
         silence_timeout: without a record for this long the device is set up anew [s].
         answer_timeout: how long an answer may take [s].
         reset_timeout: how long the device may be deaf after a reset [s].
@@ -58,7 +60,7 @@ class Is900Config:
     room_yaw: float = 0.0
     room_translation: tuple[float, float, float] = (0.0, 0.0, 0.0)
     prediction: int = 0
-    transport_delay: float = 0.0
+    transport_delay: float | None = None
     silence_timeout: float = 2.0
     answer_timeout: float = 1.0
     reset_timeout: float = 20.0
@@ -92,6 +94,15 @@ class Is900Config:
         object.__setattr__(self, "items", items)
         object.__setattr__(self, "room", room)
 
+    @property
+    def record_time(self) -> float:
+        """Time of one record on a serial line, at 10 bits a byte [s]."""
+        return layout_variants(tuple(self.items))[0].length * 10.0 / self.baud
+
+
+def _is_serial_line(port: str) -> bool:
+    return "://" not in port and not os.path.realpath(port).startswith("/dev/pts/")
+
 
 class Is900Device(Device):
     """A running IS-900.
@@ -109,6 +120,10 @@ class Is900Device(Device):
         self._names = {station: name for name, station in config.stations.items()}
         self._pause = config.pause
         self._needs_reset = False
+        delay = config.transport_delay
+        if delay is None:
+            delay = config.record_time if _is_serial_line(config.port) else 0.0
+        self._transport_delay = delay
         self._stop = threading.Event()
         self._lock = threading.Lock()
         self._link: SerialLink | None = None
@@ -228,7 +243,7 @@ class Is900Device(Device):
         quality = 1.0 if record.tracking_status is None else record.tracking_status
         p, q = self.config.room.apply(flip_position(p), flip_quaternion(q))
         self.counters.samples[name] += 1
-        sample = PoseSample(name, captured - self.config.transport_delay, p, q, quality)
+        sample = PoseSample(name, captured - self._transport_delay, p, q, quality)
         return [Received(sample, arrival)]
 
     def _fail(self, error: ConnectionFailedError) -> None:

@@ -109,7 +109,10 @@ class Playback:
                     raise PlaybackError(
                         f"{path} lacks {', '.join(missing)}; it must hold {', '.join(_KEYS)}"
                     )
-                times, positions, quaternions, names = (archive[k] for k in _KEYS)
+                arrays = [archive[k] for k in _KEYS]
+            if not all(isinstance(a, np.ndarray) for a in arrays):
+                raise PlaybackError(f"{path} holds bytes that are no arrays; use numpy.savez")
+            times, positions, quaternions, names = arrays
             if names.ndim != 1 or names.dtype.kind != "U":
                 raise PlaybackError(f"names in {path} must be a list of text")
             return cls(

@@ -51,6 +51,16 @@ class _Station:
     q_reference: Array = field(default_factory=lambda: rotation.IDENTITY.copy())
     q_boresight: Array = field(default_factory=lambda: rotation.IDENTITY.copy())
 
+    @property
+    def is_plain(self) -> bool:
+        """Whether poses go out as they are; the usual case, and the quick one."""
+        return not (
+            self.tip.any()
+            or self.origin.any()
+            or self.q_reference[1:].any()
+            or self.q_boresight[1:].any()
+        )
+
 
 class Is900Unit:
     """An IS-900 without its line: `receive` takes what the host sends.
@@ -153,30 +163,31 @@ class Is900Unit:
         return RecordLayout(known, "binary" if self.binary else "ascii", unit)
 
     def _record(self, n: int, pose: StationPose, device_time: float) -> Record:
-        p, q = self._in_reference(self.stations[n], pose)
-        R = rotation.to_matrix(q)
-        euler, xyz, wxyz = (tuple(map(float, v)) for v in (rotation.to_euler(q), p, q))
-        values: dict[Item, Values] = {
-            Item.POSITION: xyz,
-            Item.POSITION_14BIT: xyz,
-            Item.EULER: euler,
-            Item.EULER_14BIT: euler,
-            Item.X_COSINES: tuple(map(float, R[:, 0])),
-            Item.Y_COSINES: tuple(map(float, R[:, 1])),
-            Item.Z_COSINES: tuple(map(float, R[:, 2])),
-            Item.QUATERNION: wxyz,
-            Item.QUATERNION_14BIT: wxyz,
-            # A device zeroed after the instant of this record would say a negative time.
-            Item.TIME: (max(0.0, device_time),),
-            Item.BUTTONS: (0.0,),
-            Item.JOYSTICK: (127.0, 127.0),
-            Item.TRACKING_STATUS: (255.0,),
-        }
+        station = self.stations[n]
+        p, q = self._in_reference(station, pose)
+        values: dict[Item, Values] = {}
+        for item in parse_items(station.items):
+            if item in (Item.POSITION, Item.POSITION_14BIT):
+                values[item] = tuple(map(float, p))
+            elif item in (Item.QUATERNION, Item.QUATERNION_14BIT):
+                values[item] = tuple(map(float, q))
+            elif item in (Item.EULER, Item.EULER_14BIT):
+                values[item] = tuple(map(float, rotation.to_euler(q)))
+            elif item in _COSINES:
+                column = rotation.to_matrix(q)[:, _COSINES.index(item)]
+                values[item] = tuple(map(float, column))
+            elif item is Item.TIME:
+                # A device zeroed after the instant of this record would say a negative time.
+                values[item] = (max(0.0, device_time),)
+            elif item in _RESTING:
+                values[item] = _RESTING[item]
         return Record(n, " ", values)
 
     def _in_reference(self, station: _Station, pose: StationPose) -> StationPose:
         # Reference = inverse alignment, body = inverse boresight.
         p, q = flip_position(pose[0]), flip_quaternion(pose[1])
+        if station.is_plain:
+            return p, q
         back = rotation.conjugate(station.q_reference)
         p = rotation.rotate(back, p + rotation.rotate(q, station.tip) - station.origin)
         q = rotation.multiply(back, q)
@@ -298,6 +309,12 @@ class Is900Unit:
         return (Unit.CENTIMETER if self.metric else Unit.INCH).value
 
 
+_COSINES = (Item.X_COSINES, Item.Y_COSINES, Item.Z_COSINES)
+_RESTING: dict[Item, Values] = {
+    Item.BUTTONS: (0.0,),
+    Item.JOYSTICK: (127.0, 127.0),
+    Item.TRACKING_STATUS: (255.0,),
+}
 _BINARY_ONLY = (Item.POSITION_14BIT, Item.EULER_14BIT, Item.QUATERNION_14BIT)
 
 

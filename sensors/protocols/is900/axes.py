@@ -12,7 +12,7 @@ reports no rotation has its axes along the world's. For a quaternion that is
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,26 +44,25 @@ class RoomTransform:
 
     yaw: float = 0.0
     translation: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    # The turn as matrices from the right, for this runs for every sample: rows of positions
+    # times one, rows of quaternions times the other.
+    _turn: NDArray[np.float64] = field(init=False, repr=False, compare=False)
+    _turn_quaternion: NDArray[np.float64] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        q = np.array([math.cos(0.5 * self.yaw), 0.0, 0.0, math.sin(0.5 * self.yaw)])
+        object.__setattr__(self, "_turn", rotation.rotate(q, np.eye(3)))
+        object.__setattr__(self, "_turn_quaternion", rotation.multiply(q, np.eye(4)))
 
     def apply(
         self, p: NDArray[np.float64], q: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Tracker world to room: positions (..., 3) [m], quaternions (..., 4)."""
-        q_yaw = self._turn()
-        return (
-            rotation.rotate(q_yaw, p) + np.array(self.translation),
-            rotation.multiply(q_yaw, q),
-        )
+        return p @ self._turn + np.array(self.translation), q @ self._turn_quaternion
 
     def invert(
         self, p: NDArray[np.float64], q: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Room to tracker world: positions (..., 3) [m], quaternions (..., 4)."""
-        q_back = rotation.conjugate(self._turn())
-        return (
-            rotation.rotate(q_back, p - np.array(self.translation)),
-            rotation.multiply(q_back, q),
-        )
-
-    def _turn(self) -> NDArray[np.float64]:
-        return np.array([math.cos(0.5 * self.yaw), 0.0, 0.0, math.sin(0.5 * self.yaw)])
+        # Both matrices are orthogonal.
+        return (p - np.array(self.translation)) @ self._turn.T, q @ self._turn_quaternion.T
