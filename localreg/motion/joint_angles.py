@@ -92,16 +92,13 @@ def joint_angles(
 def euler_zyx(rotations: Float[ndarray, "*b 3 3"]) -> Float[ndarray, "*b 3"]:
     """Angles (z, y, x) with R = Rz Ry Rx and |y| <= pi/2 [rad]."""
     r = rotations
-    flat = np.hypot(r[..., 0, 0], r[..., 1, 0])
-    y = np.arctan2(-r[..., 2, 0], flat)
-    # Where y is a quarter turn only z - x or z + x is known; then x is taken as nought.
-    locked = flat < 1e-9
-    z = np.where(
-        locked,
-        np.arctan2(-r[..., 0, 1], r[..., 1, 1]),
-        np.arctan2(r[..., 1, 0], r[..., 0, 0]),
+    z = np.arctan2(r[..., 1, 0], r[..., 0, 0])
+    sine, cosine = np.sin(z), np.cos(z)
+    # From Rz^T R = Ry Rx: where y is a quarter turn z is arbitrary, and x still fits it.
+    y = np.arctan2(-r[..., 2, 0], cosine * r[..., 0, 0] + sine * r[..., 1, 0])
+    x = np.arctan2(
+        sine * r[..., 0, 2] - cosine * r[..., 1, 2], cosine * r[..., 1, 1] - sine * r[..., 0, 1]
     )
-    x = np.where(locked, 0.0, np.arctan2(r[..., 2, 1], r[..., 2, 2]))
     return np.stack([z, y, x], axis=-1)
 
 

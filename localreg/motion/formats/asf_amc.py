@@ -242,7 +242,8 @@ class _LineReader:
     def finish(self, last: int) -> _Table:
         """The table of all that was taken."""
         notes = []
-        if self.cut_short or set(self.frames[-1]) < set(self.frames[0]):
+        is_empty = not self.frames[-1]
+        if self.cut_short or is_empty or set(self.frames[-1]) < set(self.frames[0]):
             notes.append(f"frame {self.numbers[-1]} is cut short and was dropped")
             del self.frames[-1], self.numbers[-1], self.first_lines[-1]
         else:
