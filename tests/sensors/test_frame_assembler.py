@@ -31,9 +31,9 @@ def play(
     assembler: FrameAssembler,
     arrivals: list[tuple[float, PoseSample]],
     until: float,
-    step: float = 0.001,
+    step: float = 0.002,
 ) -> list[AssembledFrame]:
-    """Push samples at their arrival times and poll every millisecond."""
+    """Push samples at their arrival times and poll every other millisecond."""
     queue = sorted(arrivals, key=lambda a: a[0])
     frames: list[AssembledFrame] = []
     now = queue[0][0]
@@ -70,8 +70,8 @@ def worst_error(frames: list[AssembledFrame]) -> float:
 @pytest.mark.parametrize("rate", [40.0, 52.0, 58.0, 80.0, 120.0, 180.0])
 def test_all_trackers_are_there_and_right_at_any_sample_rate(rate):
     assembler = FrameAssembler(TRACKERS)
-    frames = play(assembler, stream(rate, 4.0), 3.9)
-    assert len(frames) >= 110
+    frames = play(assembler, stream(rate, 2.5), 2.4)
+    assert len(frames) >= 50
     assert all(f.frame.position_mask.all() and f.frame.orientation_mask.all() for f in frames[1:])
     assert worst_error(frames) < 1e-7
     times = np.array([f.frame.time for f in frames])
@@ -81,7 +81,7 @@ def test_all_trackers_are_there_and_right_at_any_sample_rate(rate):
 
 def test_at_the_frame_rate_frames_close_with_their_last_sample():
     assembler = FrameAssembler(TRACKERS)
-    frames = play(assembler, stream(40.0, 4.0), 3.9)
+    frames = play(assembler, stream(40.0, 2.5), 2.4)
     for f in frames[1:]:
         assert f.closed_at == pytest.approx(f.newest_arrival, abs=1e-9)
         assert f.closed_at - f.frame.time < 0.005
@@ -89,10 +89,10 @@ def test_at_the_frame_rate_frames_close_with_their_last_sample():
 
 def test_the_grid_settles_on_a_stream_that_changes_phase():
     first = [a for a in stream(40.0, 2.0) if a[0] < 1.9]
-    second = [(a + 0.011, sample(s.tracker, s.time + 0.011)) for a, s in stream(40.0, 8.0)]
+    second = [(a + 0.011, sample(s.tracker, s.time + 0.011)) for a, s in stream(40.0, 6.0)]
     assembler = FrameAssembler(TRACKERS)
-    frames = play(assembler, first + [a for a in second if a[0] > 1.92], 7.9)
-    late = [f for f in frames if f.frame.time > 6.0]
+    frames = play(assembler, first + [a for a in second if a[0] > 1.92], 5.9)
+    late = [f for f in frames if f.frame.time > 5.0]
     phases = np.array([(f.frame.time - 0.011) / T for f in late])
     assert np.abs(phases - np.round(phases)).max() < 0.05
     assert all(f.closed_at - f.frame.time < 0.006 for f in late)
@@ -101,18 +101,18 @@ def test_the_grid_settles_on_a_stream_that_changes_phase():
 def test_a_line_slower_than_the_delay_shifts_the_grid_instead_of_losing_trackers():
     # Three stations of one instant arrive 3, 11 and 19 ms later; the delay is 12.5 ms.
     arrivals = [
-        (s.time + 0.003 + 0.008 * TRACKERS.index(s.tracker), s) for _, s in stream(40.0, 8.0)
+        (s.time + 0.003 + 0.008 * TRACKERS.index(s.tracker), s) for _, s in stream(40.0, 5.0)
     ]
-    frames = play(FrameAssembler(TRACKERS), arrivals, 7.9)
-    late = [f for f in frames if f.frame.time > 4.0]
+    frames = play(FrameAssembler(TRACKERS), arrivals, 4.9)
+    late = [f for f in frames if f.frame.time > 3.5]
     assert all(f.frame.position_mask.all() for f in late)
     assert worst_error(late) < 1e-7
     assert max(f.closed_at - f.newest_arrival for f in late) < 0.002
 
 
 def test_no_frame_waits_longer_than_the_delay():
-    frames = play(FrameAssembler(TRACKERS), stream(52.0, 4.0), 3.9)
-    assert max(f.closed_at - f.frame.time for f in frames) <= 0.0125 + 0.0011
+    frames = play(FrameAssembler(TRACKERS), stream(52.0, 2.5), 2.4)
+    assert max(f.closed_at - f.frame.time for f in frames) <= 0.0125 + 0.0021
 
 
 def test_a_silent_tracker_is_masked_not_coasted_and_not_waited_for():
@@ -216,7 +216,7 @@ def test_after_a_long_pause_of_the_consumer_old_frames_are_skipped_and_counted()
     assert frames[-1].frame.time > 11.3 - 0.0125 - 2 * T
 
 
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=20)
 @given(
     events=st.lists(
         st.tuples(

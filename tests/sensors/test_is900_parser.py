@@ -33,7 +33,7 @@ def times(found: list[Record | Response]) -> list[int]:
     return [round(m.time * 40) for m in found if isinstance(m, Record) and m.time is not None]
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=30)
 @given(data=st.data())
 def test_any_split_gives_the_same_records(data):
     stream = b"".join(wire(k, station=1 + k % 6) for k in range(12))
@@ -46,7 +46,7 @@ def test_any_split_gives_the_same_records(data):
     assert parser.counters.skipped_bytes == parser.counters.bad_records == parser.pending == 0
 
 
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=50)
 @given(
     junk=st.lists(st.binary(max_size=60), min_size=8, max_size=8),
     cut=st.integers(1, 400),
@@ -60,7 +60,7 @@ def test_junk_between_records_costs_no_record(junk, cut):
     assert parser.counters.skipped_bytes + answers == sum(map(len, junk))
 
 
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=50)
 @given(keep=st.lists(st.integers(0, 37), min_size=6, max_size=6))
 def test_truncated_records_cost_only_themselves(keep):
     parser = Parser({1: ITEMS})
@@ -71,7 +71,7 @@ def test_truncated_records_cost_only_themselves(keep):
     assert times(found) == [2 * k + 1 for k in range(6)]
 
 
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=50)
 @given(junk=st.binary(max_size=200), items=st.sampled_from([(2, 11, 21, 0), (2, 11, 21), (18, 20)]))
 def test_weak_terminators_are_in_step_within_two_records(junk, items):
     parser = Parser({1: items})
@@ -115,7 +115,7 @@ def test_zero_quaternion_is_a_bad_record_of_its_station():
     assert parser.counters.bad_by_station == {1: 1}
 
 
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=50)
 @given(st.lists(st.binary(max_size=300), max_size=20))
 def test_the_buffer_stays_bounded_whatever_comes(chunks):
     parser = Parser(dict.fromkeys(range(1, 13), ITEMS))

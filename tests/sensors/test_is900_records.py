@@ -105,7 +105,7 @@ def test_14_bit_data_without_its_start_mark_is_refused():
         layout_variants((18, 20))[0].decode(data)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=15)
 @given(pose=poses(), unit=st.sampled_from(Unit), station=st.integers(1, 12))
 @pytest.mark.parametrize("items", BINARY_LISTS)
 def test_binary_round_trip(items, pose, unit, station):
@@ -128,7 +128,7 @@ def test_binary_round_trip(items, pose, unit, station):
         assert again.values.get(item) == record.values.get(item)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=15)
 @given(pose=poses(), unit=st.sampled_from(Unit))
 @pytest.mark.parametrize("items", LISTS)
 def test_ascii_round_trip_in_every_width(items, pose, unit):

@@ -1,0 +1,1 @@
+"""Tests of the sensors package; real lines where a line matters."""
