@@ -78,7 +78,7 @@ def log(q: Float[Array, "*b 4"]) -> Float[Array, "*b 3"]:
     squared = jnp.sum(u * u, axis=-1, keepdims=True)
     small = squared < _SMALL**2
     sine = jnp.sqrt(jnp.where(small, 1.0, squared))
-    safe_w = jnp.where(small, jnp.maximum(w, 0.5), w)
+    safe_w = jnp.where(small, jnp.maximum(w, 0.5), 1.0)
     ratio = jnp.where(
         small,
         2.0 / safe_w - 2.0 * squared / (3.0 * safe_w**3),
