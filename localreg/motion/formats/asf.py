@@ -19,7 +19,7 @@ from localreg.body.skeleton import BONES
 from localreg.body.subject import Subject
 from localreg.errors import MotionError
 from localreg.motion.formats.axes import CMU_UNIT, INCH
-from localreg.motion.formats.text import fault, read_bytes, show, split_lines
+from localreg.motion.formats.text import fault, is_sane, read_bytes, show, split_lines
 from localreg.motion.ids import normal_subject
 from localreg.motion.joint_angles import euler_zyx
 
@@ -128,7 +128,7 @@ class _Lines:
             value = float(word)
         except ValueError:
             value = float("nan")
-        if not np.isfinite(value):
+        if not is_sane(value):
             raise fault(self.path, line, f"{show(word.encode())} is not a number; correct it")
         return value
 
@@ -142,7 +142,7 @@ def _read_unit(lines: _Lines, number: int, words: list[str], sections: _Sections
     key, value = words[0].lower(), words[1] if len(words) > 1 else ""
     if key == "length":
         sections.length = lines.number(number, value)
-        if sections.length <= 0.0:
+        if sections.length < 1e-6:
             raise fault(lines.path, number, "a length unit must be positive; CMU's is 0.45")
     elif key == "angle":
         if value.lower() not in ("deg", "rad"):

@@ -28,7 +28,15 @@ from localreg.motion.formats.axes import (
     rotations_to_y_up,
 )
 from localreg.motion.formats.registry import ReadOptions
-from localreg.motion.formats.text import fault, read_bytes, show, split_lines
+from localreg.motion.formats.text import (
+    LARGEST,
+    fault,
+    is_sane,
+    read_bytes,
+    show,
+    split_lines,
+    whole_number,
+)
 from localreg.motion.ids import normal_trial, subject_of_trial
 from localreg.motion.joint_angles import continuous_zyx
 from localreg.motion.motion import Motion, Provenance
@@ -128,7 +136,7 @@ def _read_header(path: Path, lines: list[bytes]) -> tuple[int, bool | None]:
         if word in (b":DEGREES", b":RADIANS"):
             in_radians = word == b":RADIANS"
         elif word and not word.startswith((b":", b"#")):
-            if not word.isdigit():
+            if whole_number(word) is None:
                 raise fault(path, index + 1, f"expected a frame number, found {show(line)}")
             return index, in_radians
     raise MotionError(f"{path} holds no frames; record or download it again")
@@ -154,8 +162,10 @@ def _read_alike(
     if rest or not bones:
         return None
     columns = []
+    numbers = [number for t in tokens[::period] if (number := whole_number(t)) is not None]
+    if len(numbers) != frames:
+        return None
     try:
-        numbers = [int(token) for token in tokens[::period]]
         for bone, place in zip(bones, places, strict=True):
             if tokens[place::period].count(bone.encode()) != frames:
                 return None
@@ -164,7 +174,7 @@ def _read_alike(
     except ValueError:
         return None
     values = np.array(columns, dtype=np.float64).T
-    return _Table(tuple(bones), values, numbers) if np.all(np.isfinite(values)) else None
+    return _Table(tuple(bones), values, numbers) if np.all(np.abs(values) <= LARGEST) else None
 
 
 def _read_lines(path: Path, lines: list[bytes], start: int, counts: dict[str, int]) -> _Table:
@@ -194,9 +204,10 @@ class _LineReader:
 
     def take(self, line: int, words: list[bytes], *, is_last: bool) -> None:
         """Take the next line; the last one of a file may be cut short anywhere."""
-        if len(words) == 1 and words[0].isdigit():
+        number = whole_number(words[0])
+        if len(words) == 1 and number is not None:
             self._check_complete(line)
-            self.numbers.append(int(words[0]))
+            self.numbers.append(number)
             self.frames.append({})
             self.first_lines.append(line)
             return
@@ -223,9 +234,11 @@ class _LineReader:
                 raise fault(
                     self.path, line, f"{show(word)} is not a number; correct it or cut the frame"
                 ) from None
-            if not np.isfinite(values[-1]):
+            if not is_sane(values[-1]):
                 raise fault(
-                    self.path, line, f"{name} has a value that is not finite; cut the frame"
+                    self.path,
+                    line,
+                    f"{name} has a value that is not finite or absurd; cut the frame",
                 )
         if is_last and len(values) < self.counts[name]:
             self.cut_short = True

@@ -14,7 +14,15 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from localreg.errors import MotionError
-from localreg.motion.formats.text import fault, read_bytes, show, split_lines
+from localreg.motion.formats.text import (
+    LARGEST,
+    fault,
+    is_sane,
+    read_bytes,
+    show,
+    split_lines,
+    whole_number,
+)
 from localreg.motion.joint_angles import axis_rotations
 
 _CHANNELS: Final = {
@@ -110,9 +118,8 @@ def read_bvh_file(path: Path, rate: float | None = None) -> BvhFile:
     if rate is None:
         rate = _rate(path, start, time)
     values = _table(path, lines, start, sum(len(joint.channels) for joint in joints), notes)
-    if not claimed.isdigit() or int(claimed) != len(values):
-        claim = claimed.decode("utf-8", errors="replace")
-        notes.append(f"the file claims {claim} frames and holds {len(values)}")
+    if whole_number(claimed) != len(values):
+        notes.append(f"the file claims {show(claimed)} frames and holds {len(values)}")
     return BvhFile(path, tuple(joints), values, rate, tuple(notes))
 
 
@@ -156,6 +163,8 @@ class _TreeReader:
                 self.expect(b"}")
             elif key == b"}":
                 open_joints.pop()
+            elif key == b"MOTION":
+                raise self.fault("the hierarchy before MOTION lacks a }; close every joint")
             else:
                 raise self.fault(f"{show(word)} is not known in a hierarchy; correct it")
         if not joints:
@@ -192,16 +201,17 @@ class _TreeReader:
     def number(self) -> float:
         word = self.next()
         value = _float(word)
-        if value is None or not np.isfinite(value):
+        if value is None or not is_sane(value):
             raise self.fault(f"{show(word)} is not a number; correct it")
         return value
 
     def channels(self) -> tuple[str, ...]:
         word = self.next()
-        if not word.isdigit():
+        count = whole_number(word)
+        if count is None:
             raise self.fault(f"expected a number of channels, found {show(word)}")
         names = []
-        for _ in range(int(word)):
+        for _ in range(count):
             word = self.next()
             name = word.decode("utf-8", errors="replace").lower()
             if name not in _CHANNELS or name in names:
@@ -241,7 +251,7 @@ def _rate(path: Path, line: int, word: bytes) -> float:
     a whole number of Hz if just one lies within a unit of its last digit.
     """
     time = _float(word)
-    if time is None or not 0.0 < time < float("inf"):
+    if time is None or not 1e-6 <= time <= 1e6:
         raise fault(path, line, f"a frame time of {show(word)} seconds; state the rate instead")
     digits = len(word.lower().split(b"e")[0].partition(b".")[2])
     unit = 10.0**-digits if b"e" not in word.lower() else 0.0
@@ -285,9 +295,11 @@ def _table(
     if not rows:
         raise fault(path, len(lines), "the file holds no complete frame; download it again")
     values = np.array(rows)
-    bad_rows = np.flatnonzero(~np.isfinite(values).all(axis=1))
+    bad_rows = np.flatnonzero(~(np.abs(values) <= LARGEST).all(axis=1))
     if bad_rows.size:
         filled = [index for index in range(start, len(lines)) if lines[index]]
         line = filled[int(bad_rows[0])] + 1
-        raise fault(path, line, "this frame has a value that is not finite; cut the frame")
+        raise fault(
+            path, line, "this frame has a value that is not finite or absurd; cut the frame"
+        )
     return values

@@ -130,6 +130,8 @@ def write_motion(motion: Motion, path: Path | str) -> None:
             f"cannot write {path}: files ending in {path.suffix or 'nothing'} are not known, "
             f"only {', '.join(writable_suffixes())}"
         )
+    if not len(motion):
+        raise MotionError(f"motion {motion.provenance.name} has no frames; there is none to write")
     try:
         import_module(form.module).write(motion, path)
     except OSError as error:
