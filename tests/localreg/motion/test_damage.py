@@ -51,7 +51,7 @@ def sound(tmp_path_factory):
 
 
 @pytest.mark.parametrize("suffix", [".amc", ".asf", ".bvh"])
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(
     places=st.lists(
         st.tuples(st.floats(0, 1), st.integers(0, 40), st.sampled_from(WORDS)), max_size=3

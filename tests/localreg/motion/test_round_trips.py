@@ -26,7 +26,7 @@ def check_same(back, motion, *, angles_too):
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(recipe=recipes())
 def test_any_motion_comes_back(tmp_path_factory, suffix, recipe):
     path = tmp_path_factory.mktemp("trip") / f"x{suffix}"
