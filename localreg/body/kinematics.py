@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from localreg import numerics as numerics
 from localreg.body import rotations
 from localreg.body.model import build_model, end_site, tracker_site
 from localreg.body.skeleton import BODY_NAMES
