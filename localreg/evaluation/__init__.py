@@ -1,0 +1,1 @@
+"""Evaluation: simulated trackers, metrics, leave-one-out."""

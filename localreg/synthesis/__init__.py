@@ -1,0 +1,1 @@
+"""Synthesis: neighbours, priors, energy, solver, and the estimators made of them."""
