@@ -1,0 +1,115 @@
+"""Bodies as sticks, drawn by Matplotlib where there are no graphics at all."""
+
+from typing import Final
+
+import mujoco
+import numpy as np
+from jaxtyping import Float, UInt8
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure as Sheet
+from numpy import ndarray
+
+from localreg.drawing.offscreen import Camera, Canvas, Drawing
+from localreg.drawing.scene import Scene
+
+_BACKGROUND: Final = "#f3f1ee"
+_FIELD_OF_VIEW: Final = np.radians(45.0)  # vertical, as MuJoCo's free camera
+
+
+class StickCanvas(Canvas):
+    """The same bodies, camera and perspective as `SolidCanvas`, without surfaces.
+
+    Positions are those of MuJoCo's kinematics; every capsule becomes a line as thick as
+    the capsule, drawn from far to near.
+    """
+
+    def __init__(self, scene: Scene, width: int, height: int, drawing: Drawing) -> None:
+        super().__init__(scene, width, height)
+        self.drawing = drawing
+
+    def picture(self, camera: Camera) -> UInt8[ndarray, "height width 3"]:
+        """The scene as it was placed last, as lines on a grid."""
+        sheet = Sheet(figsize=(self.width / 100, self.height / 100), dpi=100)
+        canvas = FigureCanvasAgg(sheet)
+        sheet.set_facecolor(_BACKGROUND)
+        axes = sheet.add_axes((0, 0, 1, 1))
+        axes.set_xlim(0, self.width)
+        axes.set_ylim(self.height, 0)
+        axes.set_axis_off()
+        self._draw_floor(axes, camera)
+        self._draw_bodies(axes, camera)
+        canvas.draw()
+        return np.asarray(canvas.buffer_rgba())[:, :, :3].copy()
+
+    def close(self) -> None:
+        """Nothing is held between pictures."""
+
+    def _draw_floor(self, axes: Axes, camera: Camera) -> None:
+        floor = self.scene.model.geom("floor").pos[2]
+        x, y = np.round(camera.target[:2])
+        steps = np.arange(-5, 6)
+        lines = [((x + i, y - 5, floor), (x + i, y + 5, floor)) for i in steps]
+        lines += [((x - 5, y + i, floor), (x + 5, y + i, floor)) for i in steps]
+        fine = np.array([np.linspace(a, b, 40) for a, b in lines])
+        pixels, depth = self._project(fine.reshape(-1, 3), camera)
+        pixels = pixels.reshape(len(lines), -1, 2)
+        visible = depth.reshape(len(lines), -1) > 0.1
+        pieces = [p[v] for p, v in zip(pixels, visible, strict=True) if v.sum() > 1]
+        axes.add_collection(LineCollection(pieces, colors="#dcd8d2", linewidths=1.0))
+
+    def _draw_bodies(self, axes: Axes, camera: Camera) -> None:
+        model, data = self.scene.model, self.data
+        capsules = np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_CAPSULE)
+        centers = data.geom_xpos[capsules]
+        halves = (
+            data.geom_xmat[capsules].reshape(-1, 3, 3)[:, :, 2] * model.geom_size[capsules, 1, None]
+        )
+        ends = np.stack([centers - halves, centers + halves], axis=1)
+        pixels, depth = self._project(ends.reshape(-1, 3), camera)
+        depth = depth.reshape(-1, 2).mean(axis=1)
+        scale = self._focal_length() / np.maximum(depth, 0.1)
+        widths = np.maximum(2.0 * model.geom_size[capsules, 0] * scale * 0.72, 1.5)
+        colors = np.array([self._color(int(geom)) for geom in capsules])
+        order = [i for i in np.argsort(-depth) if depth[i] > 0.1 and colors[i, 3] > 0]
+        # A light rim sets limbs apart that cross each other.
+        for i in order:
+            for extra, color in ((3.0, _BACKGROUND), (0.0, colors[i])):
+                axes.add_collection(
+                    LineCollection(
+                        [pixels.reshape(-1, 2, 2)[i]],
+                        colors=[color],
+                        linewidths=widths[i] + extra,
+                        capstyle="round",
+                    )
+                )
+
+    def _color(self, geom: int) -> Float[ndarray, " 4"]:
+        material = self.scene.model.geom_matid[geom]
+        if material >= 0:
+            return np.array(self.scene.model.mat_rgba[material], dtype=float)
+        return np.array(self.scene.model.geom_rgba[geom], dtype=float)
+
+    def _focal_length(self) -> float:
+        return 0.5 * self.height / np.tan(0.5 * _FIELD_OF_VIEW)
+
+    def _project(
+        self, points: Float[ndarray, "n 3"], camera: Camera
+    ) -> tuple[Float[ndarray, "n 2"], Float[ndarray, " n"]]:
+        """Pixels of points in the world, and their depth along the view [m]."""
+        ahead = np.array(
+            [
+                np.cos(camera.elevation) * np.cos(camera.azimuth),
+                np.cos(camera.elevation) * np.sin(camera.azimuth),
+                np.sin(camera.elevation),
+            ]
+        )
+        right = np.array([np.sin(camera.azimuth), -np.cos(camera.azimuth), 0.0])
+        above = np.cross(right, ahead)
+        relative = points - (np.array(camera.target) - camera.distance * ahead)
+        depth = relative @ ahead
+        scale = self._focal_length() / np.maximum(depth, 1e-3)
+        x = 0.5 * self.width + scale * (relative @ right)
+        y = 0.5 * self.height - scale * (relative @ above)
+        return np.stack([x, y], axis=1), depth
