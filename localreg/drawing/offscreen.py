@@ -22,9 +22,11 @@ from numpy import ndarray
 
 from localreg.drawing.scene import Scene
 
+# PyOpenGL's EGL needs libOpenGL or libGL beside libEGL, and Mesa's driver to draw with.
 ADVICE: Final = (
     "no off-screen graphics here, so bodies are drawn as plain sticks; for solid bodies install "
-    "EGL (Debian: apt-get install libegl1 libgl1-mesa-dri) or OSMesa (apt-get install libosmesa6)"
+    "EGL (Debian: apt-get install libegl1 libopengl0 libgl1-mesa-dri) or OSMesa (apt-get "
+    "install libosmesa6)"
 )
 """One line for who sees a stick figure."""
 

@@ -151,6 +151,7 @@ def test_backends_are_tried_in_order(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_the_advice_names_the_packages_in_one_line() -> None:
     assert "libegl1" in ADVICE
+    assert "libopengl0" in ADVICE
     assert "libgl1-mesa-dri" in ADVICE
     assert "libosmesa6" in ADVICE
     assert "\n" not in ADVICE
