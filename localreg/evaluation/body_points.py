@@ -1,0 +1,68 @@
+"""Where bone ends and trackers are, for whole motions: MuJoCo's kinematics, not ours.
+
+Estimators move the body by the kinematics in `localreg.body.kinematics`; what judges them
+uses another implementation. It also needs no compilation, of which clips of many lengths
+would need many.
+"""
+
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+from scipy.spatial.transform import Rotation
+
+from localreg.body.model import build_model, end_site, tracker_site
+from localreg.body.skeleton import BODY_NAMES
+from localreg.body.subject import Subject
+
+
+class TrackerPoses(NamedTuple):
+    """World poses of a subject's trackers.
+
+    Attributes:
+        positions: tracker origins [m].
+        quaternions: turn tracker axes into world axes, w x y z.
+    """
+
+    positions: Float[ndarray, "frames trackers 3"]
+    quaternions: Float[ndarray, "frames trackers 4"]
+
+
+class BodyPoints:
+    """One subject's body, posed frame by frame.
+
+    Args:
+        subject: whose proportions and trackers.
+    """
+
+    def __init__(self, subject: Subject) -> None:
+        self.subject = subject
+        self._model = build_model(subject)
+        self._data = mujoco.MjData(self._model)
+        self._ends = [self._model.site(end_site(name)).id for name in BODY_NAMES]
+        self._trackers = [self._model.site(tracker_site(name)).id for name in subject.trackers]
+
+    def bone_ends(self, qpos: Float[ndarray, "frames 63"]) -> Float[ndarray, "frames 31 3"]:
+        """World positions of the root and of the far ends of the 30 bones [m]."""
+        return self._sites(qpos, self._ends)[0]
+
+    def tracker_poses(self, qpos: Float[ndarray, "frames 63"]) -> TrackerPoses:
+        """World poses that the trackers would report if they were perfect."""
+        positions, matrices = self._sites(qpos, self._trackers)
+        flat = matrices.reshape(-1, 3, 3)
+        quaternions = Rotation.from_matrix(flat).as_quat(canonical=True, scalar_first=True)
+        return TrackerPoses(positions, quaternions.reshape(*positions.shape[:2], 4))
+
+    def _sites(
+        self, qpos: Float[ndarray, "frames 63"], sites: list[int]
+    ) -> tuple[Float[ndarray, "frames sites 3"], Float[ndarray, "frames sites 9"]]:
+        positions = np.empty((len(qpos), len(sites), 3))
+        matrices = np.empty((len(qpos), len(sites), 9))
+        for frame, pose in enumerate(qpos):
+            self._data.qpos[:] = pose
+            mujoco.mj_kinematics(self._model, self._data)
+            positions[frame] = self._data.site_xpos[sites]
+            matrices[frame] = self._data.site_xmat[sites]
+        return positions, matrices

@@ -1,0 +1,219 @@
+"""How far a synthesized motion is from the true one: the figures of every evaluation.
+
+All are taken over the frames after the first `SETTLING_FRAMES`, in which a method may find
+its way. Figures that need more than one frame, or contacts that are not there, are None
+where they cannot be had. A pose that is not finite makes its figures NaN.
+"""
+
+from dataclasses import dataclass, fields
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+from scipy.spatial.transform import Rotation
+
+from localreg.body.skeleton import BONES
+from localreg.evaluation.body_points import BodyPoints
+from localreg.motion.contacts import FOOT_ENDS, foot_contacts, velocities
+from localreg.motion.joint_angles import bone_rotations
+from localreg.motion.motion import Motion
+
+SETTLING_FRAMES: Final = 5
+"""Frames at the start of a clip that count for nothing but time."""
+
+_JOINTED: Final = np.array([index for index, bone in enumerate(BONES) if bone.dofs])
+_LEAST_FOR_JITTER: Final = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    """The figures of one clip, or their means over clips.
+
+    Attributes:
+        joint_angle_error_deg: |difference, wrapped|, mean over the 56 angles [deg].
+        geodesic_error_deg: angle between true and synthesized turn of a bone against its
+            parent, mean over the 28 bones that have joints [deg].
+        mpjpe_cm: distance of the 31 bone ends in the world [cm].
+        mpjpe_root_aligned_cm: distance of the 30 bone ends other than the root, seen from
+            the root: its position and its whole orientation are taken away [cm].
+        tracker_error_cm: distance of the synthesized from the noise-free trackers [cm].
+        jitter_m_s3: norm of the third derivative of the 31 bone ends [m/s^3].
+        foot_skate_cm_s: horizontal speed of synthesized foot ends while the true ones
+            stand on the ground [cm/s].
+    """
+
+    joint_angle_error_deg: float | None = None
+    geodesic_error_deg: float | None = None
+    mpjpe_cm: float | None = None
+    mpjpe_root_aligned_cm: float | None = None
+    tracker_error_cm: float | None = None
+    jitter_m_s3: float | None = None
+    foot_skate_cm_s: float | None = None
+
+
+FIGURES: Final = tuple(field.name for field in fields(Figures))
+"""Names of the figures, in the order of every table."""
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """A synthesized clip against the truth.
+
+    Attributes:
+        figures: of the synthesized motion.
+        true_jitter_m_s3: jitter of the truth, for comparison [m/s^3].
+        true_foot_skate_cm_s: foot skate of the truth, which is not nought because feet
+            roll off [cm/s].
+        joint_angle_error_deg: mean over the angles, for every frame from the first [deg].
+        mpjpe_cm: mean over the bone ends, for every frame from the first [cm].
+    """
+
+    figures: Figures
+    true_jitter_m_s3: float | None
+    true_foot_skate_cm_s: float | None
+    joint_angle_error_deg: Float[ndarray, " frames"]
+    mpjpe_cm: Float[ndarray, " frames"]
+
+
+def compare(
+    truth: Motion, qpos: Float[ndarray, "frames 63"], *, body: BodyPoints | None = None
+) -> Comparison:
+    """Compare synthesized poses with the true ones of the same subject and frames.
+
+    Args:
+        truth: the true motion; its subject wears the trackers that count.
+        qpos: one synthesized pose for every frame of it.
+        body: the subject's body if it is at hand, else it is built.
+
+    Raises:
+        ValueError: the numbers of frames differ.
+    """
+    if len(qpos) != len(truth):
+        raise ValueError(f"{len(qpos)} poses cannot be compared with {len(truth)} frames")
+    body = body or BodyPoints(truth.subject)
+    finite = np.isfinite(qpos).all(axis=1)
+    whole = np.where(finite[:, None], qpos, truth.qpos)
+    blot = np.where(finite, 0.0, np.nan)
+    ends, true_ends = body.bone_ends(whole), body.bone_ends(truth.qpos)
+    ends = ends + blot[:, None, None]
+    angle_error = joint_angle_errors_deg(whole[:, 7:], truth.angles) + blot
+    distance = 100.0 * np.linalg.norm(ends - true_ends, axis=-1).mean(axis=1)
+    counted = slice(SETTLING_FRAMES, None)
+    contacts = foot_contacts(true_ends, truth.rate)[counted]
+    trackers = body.tracker_poses(whole).positions + blot[:, None, None]
+    tracker_error = np.linalg.norm(trackers - body.tracker_poses(truth.qpos).positions, axis=-1)
+    geodesic = geodesic_errors_deg(whole[:, 7:], truth.angles, truth.subject.axis_frames)
+    aligned = _seen_from_root(ends, whole) - _seen_from_root(true_ends, truth.qpos)
+    figures = Figures(
+        joint_angle_error_deg=_mean(angle_error[counted]),
+        geodesic_error_deg=_mean((geodesic + blot)[counted]),
+        mpjpe_cm=_mean(distance[counted]),
+        mpjpe_root_aligned_cm=_mean(100.0 * np.linalg.norm(aligned[counted, 1:], axis=-1)),
+        tracker_error_cm=_mean(100.0 * tracker_error[counted]),
+        jitter_m_s3=jitter_m_s3(ends[counted], truth.rate),
+        foot_skate_cm_s=foot_skate_cm_s(ends[counted], contacts, truth.rate),
+    )
+    return Comparison(
+        figures=figures,
+        true_jitter_m_s3=jitter_m_s3(true_ends[counted], truth.rate),
+        true_foot_skate_cm_s=foot_skate_cm_s(true_ends[counted], contacts, truth.rate),
+        joint_angle_error_deg=angle_error,
+        mpjpe_cm=distance,
+    )
+
+
+def joint_angle_errors_deg(
+    angles: Float[ndarray, "frames 56"], true_angles: Float[ndarray, "frames 56"]
+) -> Float[ndarray, " frames"]:
+    """|difference, wrapped to half a turn|, mean over the joint angles [deg].
+
+    Args:
+        angles: synthesized joint angles [rad].
+        true_angles: true joint angles [rad].
+    """
+    difference = (angles - true_angles + np.pi) % (2.0 * np.pi) - np.pi
+    return np.degrees(np.abs(difference)).mean(axis=1)
+
+
+def geodesic_errors_deg(
+    angles: Float[ndarray, "frames 56"],
+    true_angles: Float[ndarray, "frames 56"],
+    axis_frames: Float[ndarray, "30 3 3"],
+) -> Float[ndarray, " frames"]:
+    """Angle between the turns of a bone against its parent, mean over bones with joints [deg].
+
+    The turn is R = C Rz Ry Rx C^T. Unlike differences of angles, the figure does not grow
+    where two of the three axes nearly coincide.
+
+    Args:
+        angles: synthesized joint angles [rad].
+        true_angles: true joint angles [rad].
+        axis_frames: axis frame C of every bone.
+    """
+    turns = bone_rotations(angles, axis_frames)[:, _JOINTED]
+    true_turns = bone_rotations(true_angles, axis_frames)[:, _JOINTED]
+    # |A - B|_F = 2 sqrt(2) sin(angle / 2), exact near nought where arccos is not.
+    chord = np.linalg.norm(turns - true_turns, axis=(-2, -1)) / np.sqrt(8.0)
+    return np.degrees(2.0 * np.arcsin(np.minimum(chord, 1.0))).mean(axis=1)
+
+
+def jitter_m_s3(points: Float[ndarray, "frames points 3"], rate: float) -> float | None:
+    """Mean norm of the third derivative of points, by third differences [m/s^3].
+
+    Args:
+        points: positions [m].
+        rate: frames a second [Hz].
+
+    Returns:
+        None for fewer than four frames.
+    """
+    if len(points) < _LEAST_FOR_JITTER:
+        return None
+    return _mean(np.linalg.norm(np.diff(points, n=3, axis=0), axis=-1) * rate**3)
+
+
+def foot_skate_cm_s(
+    bone_ends: Float[ndarray, "frames 31 3"],
+    contacts: ndarray,
+    rate: float,
+) -> float | None:
+    """Mean horizontal speed of foot ends while they should stand [cm/s].
+
+    Args:
+        bone_ends: world positions of the 31 bone ends [m].
+        contacts: which foot ends stand, as `foot_contacts` tells of the truth.
+        rate: frames a second [Hz].
+
+    Returns:
+        None where nothing stands.
+    """
+    if len(bone_ends) < 2:
+        return None
+    speed = np.linalg.norm(velocities(bone_ends[:, FOOT_ENDS], rate)[..., :2], axis=-1)
+    return _mean(100.0 * speed[contacts])
+
+
+def mean_figures(figures: list[Figures]) -> Figures:
+    """Unweighted means over clips.
+
+    A clip without a figure (no foot on the ground) does not count for it; one whose
+    figure is not finite makes the mean so, lest a method gain by breaking down.
+    """
+    means: dict[str, float | None] = {}
+    for name in FIGURES:
+        values = [value for f in figures if (value := getattr(f, name)) is not None]
+        means[name] = _mean(np.array(values))
+    return Figures(**means)
+
+
+def _mean(values: Float[ndarray, "..."]) -> float | None:
+    return float(values.mean()) if values.size else None
+
+
+def _seen_from_root(
+    points: Float[ndarray, "frames points 3"], qpos: Float[ndarray, "frames 63"]
+) -> Float[ndarray, "frames points 3"]:
+    """Points in root axes, from the root."""
+    R_world_root = Rotation.from_quat(qpos[:, 3:7], scalar_first=True).as_matrix()
+    return np.einsum("fij,fpi->fpj", R_world_root, points - qpos[:, None, :3])
