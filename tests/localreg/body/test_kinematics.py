@@ -148,7 +148,7 @@ def test_batches_of_subjects_share_one_program() -> None:
     assert results[0].shape == results[1].shape
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), size=st.sampled_from([0.0, 1e-8, 0.1, 0.5]))
 def test_integrate_is_mujocos_and_difference_undoes_it(seed: int, size: float) -> None:
     model = build_model(canonical_subject())

@@ -42,7 +42,7 @@ def numeric_jacobian(function: Callable[[ndarray], ndarray], step: float = 1e-6)
     return np.stack(columns, axis=-1)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(seed=SEEDS)
 def test_products_turns_and_matrices_are_scipys(seed: int) -> None:
     a, b = random_quaternions(seed, 2, 5)
@@ -71,7 +71,7 @@ def test_products_turns_and_matrices_are_scipys(seed: int) -> None:
     )
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(seed=SEEDS, angle=ANGLES, flip=st.booleans())
 def test_exp_and_log_are_scipys_and_undo_each_other(seed: int, angle: float, flip: bool) -> None:
     vector = angle * unit(seed)
@@ -89,7 +89,7 @@ def test_exp_and_log_are_scipys_and_undo_each_other(seed: int, angle: float, fli
         assert (Rotation.from_rotvec(back).inv() * scipy_rotation(q)).magnitude() < 1e-8
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(seed=SEEDS, angle=st.floats(-7.0, 7.0))
 def test_hinges_are_rotation_vectors(seed: int, angle: float) -> None:
     axis = unit(seed)
@@ -98,7 +98,7 @@ def test_hinges_are_rotation_vectors(seed: int, angle: float) -> None:
     assert error.magnitude() < 1e-14
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(seed=SEEDS, angle=ANGLES)
 def test_right_jacobian_is_the_derivative_of_exp(seed: int, angle: float) -> None:
     vector = angle * unit(seed)
@@ -112,7 +112,7 @@ def test_right_jacobian_is_the_derivative_of_exp(seed: int, angle: float) -> Non
     )
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(seed=SEEDS, angle=ANGLES.filter(lambda angle: angle < np.pi - 1e-4))
 def test_inverse_left_jacobian_is_the_derivative_of_log(seed: int, angle: float) -> None:
     vector = angle * unit(seed)
@@ -125,7 +125,7 @@ def test_inverse_left_jacobian_is_the_derivative_of_log(seed: int, angle: float)
     )
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(seed=SEEDS, angle=ANGLES)
 def test_the_jacobians_belong_together(seed: int, angle: float) -> None:
     """The right Jacobian is the transposed left one, at half a turn too."""
@@ -165,7 +165,7 @@ def test_log_is_finite_at_the_edges() -> None:
     assert np.all(np.linalg.norm(results[:, :3], axis=1) <= np.pi + 1e-12)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(seed=SEEDS, angle=ANGLES.filter(lambda angle: angle < np.pi - 1e-3))
 def test_autodiff_through_exp_and_log_is_right(seed: int, angle: float) -> None:
     vector = jnp.asarray(angle * unit(seed))
