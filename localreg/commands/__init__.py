@@ -1,0 +1,1 @@
+"""The sub-commands of `localreg`, one module each, imported when they are used."""

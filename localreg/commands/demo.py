@@ -1,0 +1,107 @@
+"""`localreg demo`: real walks through a real serial line, synthesized live."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+_EPILOG = """Examples: `localreg demo`, `localreg demo --seconds 20 --json demo.json`,
+`localreg demo --seconds 20 --faults`."""
+
+
+class View(StrEnum):
+    """Where the body is to be seen live."""
+
+    NONE = "none"
+    WEB = "web"
+    NATIVE = "native"
+
+
+def demo(
+    seconds: Annotated[
+        float | None,
+        typer.Option(
+            help="Play so long [s], over and over if need be; default: every walk once.",
+            show_default=False,
+        ),
+    ] = None,
+    view: Annotated[View, typer.Option(help="Watch live.")] = View.NONE,
+    json: Annotated[
+        Path | None,
+        typer.Option(help="Also write the figures to this JSON file.", show_default=False),
+    ] = None,
+    out: Annotated[
+        Path, typer.Option(help="Folder for the motion (BVH) and the picture (PNG).")
+    ] = Path("out/demo"),
+    seed: Annotated[int, typer.Option(help="Of the noise and faults.")] = 0,
+    noise_position: Annotated[
+        float, typer.Option(help="Standard deviation of the trackers on each axis [m].")
+    ] = 0.003,
+    noise_orientation: Annotated[
+        float, typer.Option(help="Standard deviation about each axis [deg].")
+    ] = 0.5,
+    faults: Annotated[
+        bool,
+        typer.Option(
+            "--faults", help="Play with line noise: junk, truncation, silence, a jumping tracker."
+        ),
+    ] = False,
+) -> None:
+    """Play real walks as six trackers on a serial line and synthesize the body live.
+
+    An emulated IS-900 in a process of its own sends noisy tracker poses at 40 Hz over a
+    pseudo terminal; the driver, the database and the synthesizer are the real ones. Each
+    walk is left out of the database while it plays. At the end come accuracy, latency and
+    late frames, the synthesized motion as BVH and a picture of it.
+    """
+    from rich.console import Console
+
+    from localreg.errors import LocalregError
+    from localreg.evaluation.results import write_json
+    from localreg.live.demo.run import PICTURE, DemoConfig, run_demo
+    from localreg.live.demo.show import results_table
+    from localreg.motion.sources import read_sources
+
+    says = Console(stderr=True)
+    config = DemoConfig(
+        seconds=seconds,
+        seed=seed,
+        noise_position=noise_position,
+        noise_orientation=noise_orientation,
+        faults=faults,
+    )
+    if view is not View.NONE:
+        says.print("the live view comes later; the demo goes on without it", highlight=False)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise LocalregError(f"cannot make the folder {out}: {reason}; give another --out") from None
+    with says.status("reading the sample set"):
+        motions, _ = read_sources(["sample"])
+    run = run_demo(motions, config, out, says)
+    title = f"Live demo, {run.score.truth.seconds:.1f} s at {run.score.truth.rate:g} Hz"
+    output = Console()
+    output.print(results_table(run.score, run.session, title))
+    if json is not None:
+        write_json(run.score.to_json(), json)
+        output.print(f"figures: {json}", highlight=False, soft_wrap=True)
+    output.print(f"motion: {run.motion_file}", highlight=False, soft_wrap=True)
+    with says.status("drawing"):
+        from localreg.drawing.filmstrip import filmstrip
+
+        drawing = filmstrip(
+            run.score.truth,
+            run.score.synthesis,
+            out / PICTURE,
+            mpjpe=run.score.mpjpe,
+            angle_error=run.score.joint_angle_error,
+            title=title,
+        )
+    output.print(f"picture: {out / PICTURE}", highlight=False, soft_wrap=True)
+    if drawing.note:
+        says.print(drawing.note, highlight=False)
+
+
+demo.epilog = _EPILOG  # type: ignore[attr-defined]

@@ -1,0 +1,1 @@
+"""The live side: from running trackers to poses in the hands of listeners."""

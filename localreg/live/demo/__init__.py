@@ -1,0 +1,1 @@
+"""The demonstration: real walks through a real serial line, synthesized live."""
