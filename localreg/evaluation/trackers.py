@@ -14,11 +14,11 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
-from sensors.pose import TrackerFrame
 
 from localreg.errors import SynthesisError
 from localreg.evaluation.body_points import BodyPoints
 from localreg.motion.motion import Motion
+from sensors.pose import TrackerFrame
 
 SIGNALS: Final = ("both", "position", "orientation")
 """What the trackers measure: their whole pose, or one half of it."""
@@ -174,9 +174,7 @@ def _disturbances(
         directions = _directions(streams.stream("outlier position"), frames)
         shift = shift + quality.outlier_position * is_outlier[:, None] * directions
         axes = _directions(streams.stream("outlier orientation"), frames)
-        turn = turn * Rotation.from_rotvec(
-            quality.outlier_orientation * is_outlier[:, None] * axes
-        )
+        turn = turn * Rotation.from_rotvec(quality.outlier_orientation * is_outlier[:, None] * axes)
     return shift, turn
 
 

@@ -1,0 +1,100 @@
+"""`localreg db`: build a pose database, or look at one."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from localreg.commands.reading import OverridesFile, SourceRate, Sources
+
+app = typer.Typer(
+    help="Build a pose database, or look at one.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+
+@app.callback()
+def _group() -> None:
+    """Build a pose database, or look at one."""
+
+
+@app.command(
+    epilog="""Examples:
+
+localreg db build sample --out walks.db
+
+localreg db build motions/ more.bvh --out all.db --rate 60 --overrides rates.toml"""
+)
+def build(
+    sources: Sources,
+    out: Annotated[Path, typer.Option(help="Folder to make; replaces a database there.")],
+    rate: Annotated[float, typer.Option(help="Poses a second [Hz].")] = 40.0,
+    mirror: Annotated[bool, typer.Option(help="Also store the mirror image of every clip.")] = True,
+    source_rate: SourceRate = None,
+    overrides: OverridesFile = None,
+) -> None:
+    """Build a pose database from motions, and say of every file what became of it."""
+    from localreg.commands.console import output, progress_bar
+    from localreg.commands.reading import read, report_table, skipped_table
+    from localreg.database import PoseDatabase
+
+    if not 0.0 < rate < float("inf"):
+        raise typer.BadParameter(f"{rate} Hz is no rate", param_hint="--rate")
+    motions, report = read(sources, source_rate, overrides)
+    with progress_bar("building") as bar:
+
+        def told():
+            for index, motion in enumerate(motions):
+                bar(index, len(motions), motion.provenance.name)
+                yield motion
+            bar(len(motions), len(motions), "looking for copies")
+
+        database = PoseDatabase.build(told(), rate=rate, mirror=mirror)
+    database.save(out)
+    console = output()
+    console.print(report_table(report))
+    if report.skipped:
+        console.print(skipped_table(report))
+    groups = len({clip.group for clip in database.clips})
+    read_clips = sum(clip.image_of < 0 for clip in database.clips)
+    if groups < read_clips:
+        console.print(f"{read_clips - groups} clips hold recordings that others hold as well")
+    console.print(
+        f"{out}: {len(database.clips)} clips, {len(database)} poses at {database.rate:g} Hz, "
+        f"{database.seconds:.0f} s",
+        markup=False,
+    )
+
+
+@app.command(epilog="Example: localreg db info walks.db")
+def info(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="The database.")],
+) -> None:
+    """Verify a database by its checksums and list its clips."""
+    from rich.table import Table
+
+    from localreg.commands.console import output
+    from localreg.database import PoseDatabase
+
+    database = PoseDatabase.load(folder, verify=True)
+    table = Table("clip", "poses", "seconds", "subject", "trial", "activity", "group", "source")
+    for column in (1, 2, 6):
+        table.columns[column].justify = "right"
+    for clip in database.clips:
+        table.add_row(
+            clip.name, str(clip.length), f"{clip.length / database.rate:.1f}", clip.subject,
+            clip.trial, clip.activity, str(clip.group), clip.source,
+        )  # fmt: skip
+    console = output()
+    console.print(table)
+    if database.skipped:
+        console.print(f"without a frame: {', '.join(database.skipped)}", markup=False)
+    settings = ", ".join(f"{name} {value}" for name, value in database.settings.items())
+    console.print(
+        f"{folder}: {len(database.clips)} clips of {len(database.offsets)} skeletons, "
+        f"{len(database)} poses at {database.rate:g} Hz, {database.seconds:.0f} s; "
+        f"all checksums match; made with {settings}",
+        markup=False,
+    )
