@@ -32,7 +32,7 @@ class Playlist:
     """
 
     clips: tuple[Motion, ...]
-    starts: Int[ndarray, " clips+1"]
+    starts: Int[ndarray, " seams"]
 
     @classmethod
     def of(cls, motions: Sequence[Motion], rate: float, seconds: float | None = None) -> Self:
