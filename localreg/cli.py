@@ -37,14 +37,12 @@ BUILT_IN: Final = {
     ),
     "data": Command("localreg.commands.data:app", "Motions to learn from: what there is."),
     "db": Command("localreg.commands.db:app", "Build a pose database, or look at one."),
-    "synthesize": Command(
-        "localreg.commands.synthesize:synthesize", "Turn trackers into a motion file."
-    ),
+    "synthesize": Command("localreg.commands.synthesize:app", "Turn trackers into a motion file."),
     "evaluate": Command(
-        "localreg.commands.evaluate:evaluate", "Measure how well motion is synthesized."
+        "localreg.commands.evaluate:app", "Measure how well motion is synthesized."
     ),
     "doctor": Command(
-        "localreg.commands.doctor:doctor", "Say what works on this machine and what to do."
+        "localreg.commands.doctor:app", "Say what works on this machine and what to do."
     ),
 }
 """The commands of this package, in the order of the list."""
@@ -84,13 +82,6 @@ class LazyGroup(TyperGroup):
         with formatter.section("Commands"):
             formatter.write_dl([(name, entry.summary) for name, entry in _commands().items()])
 
-    def format_help(self, ctx: Any, formatter: Any) -> None:
-        """Plain help: typer's richer one would import every command to list it."""
-        self.format_usage(ctx, formatter)
-        self.format_help_text(ctx, formatter)
-        self.format_options(ctx, formatter)
-        self.format_epilog(ctx, formatter)
-
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """As always, but `--debug` may stand anywhere."""
         end = args.index("--") if "--" in args else len(args)
@@ -126,6 +117,7 @@ app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
+    rich_markup_mode=None,
 )
 
 
@@ -190,4 +182,12 @@ def _load(name: str, command: Command) -> Any:
         target = own
     loaded = typer.main.get_command(target)
     loaded.name = name
+    _make_plain(loaded)
     return loaded
+
+
+def _make_plain(command: Any) -> None:
+    """Plain help for a command and its own: rich markup takes units such as [m] for styles."""
+    command.rich_markup_mode = None
+    for own in getattr(command, "commands", {}).values():
+        _make_plain(own)

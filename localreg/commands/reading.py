@@ -14,7 +14,7 @@ from localreg.motion.sources import Report, read_sources
 Sources = Annotated[
     list[str],
     typer.Argument(
-        metavar="SOURCE...", help="sample (the sample set), a file, or a folder with motion files."
+        metavar="SOURCE", help="sample (the sample set), a file, or a folder with motion files."
     ),
 ]
 SourceRate = Annotated[

@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
@@ -92,7 +92,7 @@ def compare(
     if len(qpos) != len(truth):
         raise ValueError(f"{len(qpos)} poses cannot be compared with {len(truth)} frames")
     body = body or BodyPoints(truth.subject)
-    finite = np.isfinite(qpos).all(axis=1)
+    finite = np.all(np.isfinite(qpos), axis=1)
     whole = np.where(finite[:, None], qpos, truth.qpos)
     blot = np.where(finite, 0.0, np.nan)
     ends, true_ends = body.bone_ends(whole), body.bone_ends(truth.qpos)
@@ -175,7 +175,7 @@ def jitter_m_s3(points: Float[ndarray, "frames points 3"], rate: float) -> float
 
 def foot_skate_cm_s(
     bone_ends: Float[ndarray, "frames 31 3"],
-    contacts: ndarray,
+    contacts: Bool[ndarray, "frames 4"],
     rate: float,
 ) -> float | None:
     """Mean horizontal speed of foot ends while they should stand [cm/s].

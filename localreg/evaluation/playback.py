@@ -1,6 +1,7 @@
 """A method run over the trackers of a clip, frame by frame, as it would run live."""
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,6 +33,7 @@ def play(
     trackers: SimulatedTrackers,
     *,
     true_start: Float[ndarray, "63"] | None = None,
+    progress: Callable[[int, int, str], None] | None = None,
 ) -> Playback:
     """Run an estimator from the first frame to the last.
 
@@ -43,6 +45,7 @@ def play(
         estimator: for the subject that wears the trackers.
         trackers: at least one frame.
         true_start: the pose of the first frame, given to the method.
+        progress: is told after every frame how many are done, of how many.
     """
     poses, qpos, step_ms = [], [], []
     first = trackers.frame(0)
@@ -61,6 +64,8 @@ def play(
         step_ms.append(1e3 * (time.perf_counter() - begin))
         poses.append(pose)
         qpos.append(pose.qpos)
+        if progress is not None:
+            progress(index + 1, len(trackers), "")
     return Playback(tuple(poses), np.array(qpos, dtype=float), np.array(step_ms))
 
 
