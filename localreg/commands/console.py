@@ -27,9 +27,10 @@ def notes() -> Console:
 
 
 def _console(*, stderr: bool) -> Console:
-    console = Console(stderr=stderr, highlight=False)
+    # Without markup, which would take units such as [m] for styles.
+    console = Console(stderr=stderr, highlight=False, markup=False)
     if not console.is_terminal and "COLUMNS" not in os.environ:
-        console = Console(stderr=stderr, highlight=False, width=_PIPED_WIDTH)
+        console.width = _PIPED_WIDTH
     return console
 
 
@@ -55,7 +56,7 @@ class ProgressBar:
             if now - self._said >= _LINE_EVERY:
                 self._said = now
                 share = 100 * done // max(total, 1)
-                self._console.print(f"{self._title}: {share} % {what}", markup=False)
+                self._console.print(f"{self._title}: {share} % {what}")
             return
         if self._bar is None:
             self._bar = Progress(

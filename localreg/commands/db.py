@@ -64,7 +64,6 @@ def build(
     console.print(
         f"{out}: {len(database.clips)} clips, {len(database)} poses at {database.rate:g} Hz, "
         f"{database.seconds:.0f} s",
-        markup=False,
     )
 
 
@@ -90,11 +89,10 @@ def info(
     console = output()
     console.print(table)
     if database.skipped:
-        console.print(f"without a frame: {', '.join(database.skipped)}", markup=False)
+        console.print(f"without a frame: {', '.join(database.skipped)}")
     settings = ", ".join(f"{name} {value}" for name, value in database.settings.items())
     console.print(
         f"{folder}: {len(database.clips)} clips of {len(database.offsets)} skeletons, "
         f"{len(database)} poses at {database.rate:g} Hz, {database.seconds:.0f} s; "
         f"all checksums match; made with {settings}",
-        markup=False,
     )

@@ -157,7 +157,7 @@ def evaluate(
             progress=bar,
         )
     if evaluation.too_short:
-        notes().print(f"too short to be a test: {', '.join(evaluation.too_short)}", markup=False)
+        notes().print(f"too short to be a test: {', '.join(evaluation.too_short)}")
     document = evaluation.to_json()
     if to_output:
         import json

@@ -70,6 +70,6 @@ def warn_of_skipped(report: Report) -> None:
     """Say on standard error which files were left out, if any."""
     console = notes()
     for entry in report.skipped[:_FEW]:
-        console.print(f"skipped {entry.source}: {entry.skipped}", markup=False)
+        console.print(f"skipped {entry.source}: {entry.skipped}")
     if len(report.skipped) > _FEW:
-        console.print(f"and {len(report.skipped) - _FEW} more files", markup=False)
+        console.print(f"and {len(report.skipped) - _FEW} more files")

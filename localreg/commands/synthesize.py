@@ -103,7 +103,6 @@ def synthesize(
     console = output()
     console.print(
         f"{out}: {len(truth)} frames at {truth.rate:g} Hz of {made.name}, by {method}",
-        markup=False,
         soft_wrap=True,
     )
     if figures.joint_angle_error_deg is not None and figures.mpjpe_cm is not None:

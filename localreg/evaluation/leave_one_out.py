@@ -149,7 +149,7 @@ class Worker:
         subject = trial.motion.subject
         if method in WITHOUT_DATABASE:
             if method not in self._estimators:
-                self._estimators[method] = build_estimator(method, subject, None)
+                self._estimators[method] = build_estimator(method, subject, self._database)
                 warm_up(self._estimators[method], trackers)
             return self._estimators[method]
         allowed = trial.allowed(self._database)

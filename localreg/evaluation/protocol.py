@@ -13,6 +13,7 @@ from localreg.errors import MotionError, SynthesisError
 from localreg.evaluation.metrics import SETTLING_FRAMES
 from localreg.evaluation.trackers import SIGNALS, TrackerQuality
 from localreg.motion.motion import Motion
+from localreg.synthesis.settings import METHODS
 
 LEAVE_OUT: Final = ("clip", "subject", "activity")
 """What can be left out of the database with the clip that is the test."""
@@ -20,7 +21,9 @@ LEAVE_OUT: Final = ("clip", "subject", "activity")
 STARTS: Final = ("cold", "truth")
 """Where a method starts: from the first tracker frame alone, or from the true first pose."""
 
-WITHOUT_DATABASE: Final = frozenset({"ik"})
+WITHOUT_DATABASE: Final = frozenset(
+    name for name, settings in METHODS.items() if settings.prior == "ik"
+)
 """Methods that look at no database."""
 
 SHORTEST: Final = SETTLING_FRAMES + 4
