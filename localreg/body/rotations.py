@@ -57,6 +57,20 @@ def to_matrix(q: Float[Array, "*b 4"]) -> Float[Array, "*b 3 3"]:
     return jnp.stack([jnp.stack(row, axis=-1) for row in rows], axis=-2)
 
 
+def from_matrix(R: Float[Array, "3 3"]) -> Float[Array, " 4"]:
+    """The unit quaternion of a rotation matrix, by its largest eigenvector (Bar-Itzhack 2000)."""
+    xx, yy, zz = R[0, 0], R[1, 1], R[2, 2]
+    a, b, c = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
+    d, e, f = R[0, 1] + R[1, 0], R[0, 2] + R[2, 0], R[1, 2] + R[2, 1]
+    rows = [
+        [xx + yy + zz, a, b, c],
+        [a, xx - yy - zz, d, e],
+        [b, d, yy - xx - zz, f],
+        [c, e, f, zz - xx - yy],
+    ]
+    return jnp.linalg.eigh(jnp.stack([jnp.stack(row) for row in rows]))[1][:, -1]
+
+
 def exp(v: Float[Array, "*b 3"]) -> Float[Array, "*b 4"]:
     """The unit quaternion of a rotation vector [rad]."""
     squared = jnp.sum(v * v, axis=-1, keepdims=True)

@@ -6,9 +6,9 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 from jaxtyping import Float
 from numpy import ndarray
-from sensors.pose import TrackerFrame
 
 from localreg.body.subject import Subject
+from sensors.pose import TrackerFrame
 
 StateT = TypeVar("StateT")
 

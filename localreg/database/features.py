@@ -1,0 +1,127 @@
+"""What the trackers would say in a pose, free of where in the room it happens.
+
+Neighbours are sought, and regressions fed, by joint angles of the past and by these
+features of the present: poses of all trackers relative to a reference tracker (the one
+nearest the root, normally the torso's), the direction of gravity in the reference
+tracker's axes, and its height. Global position and heading do not enter.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float, Float32
+from numpy import ndarray
+
+from localreg.body.kinematics import Kinematics, tracker_poses_batch
+from localreg.body.skeleton import BONES
+from localreg.body.subject import Subject
+
+_CHUNK: Final = 8192  # poses a batch: bounds memory, and keeps to one compiled shape
+_PER_TRACKER: Final = 12  # relative position 3, relative rotation matrix 9
+_UP: Final = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True)
+class FeatureLayout:
+    """Which column of a feature vector means what, for one set of J trackers.
+
+    Columns: for each tracker but the reference its position [m] and its rotation matrix
+    (row by row) in the reference's axes; then gravity's direction there (3); then the
+    reference's height [m].
+
+    Attributes:
+        reference: index of the reference tracker.
+        others: indices of the other trackers.
+    """
+
+    reference: int
+    others: tuple[int, ...]
+
+    @classmethod
+    def of(cls, subject: Subject) -> "FeatureLayout":
+        """The layout for the trackers that a subject wears."""
+        depth = {"root": 0}
+        for bone in BONES:
+            depth[bone.name] = depth[bone.parent] + 1
+        depths = [depth[mount.bone] for mount in subject.mounts]
+        reference = int(np.argmin(depths))
+        return cls(reference, tuple(i for i in range(len(depths)) if i != reference))
+
+    @property
+    def size(self) -> int:
+        """Number of columns."""
+        return _PER_TRACKER * len(self.others) + 4
+
+    def columns(
+        self, position: Float[ndarray, " J"], rotation: Float[ndarray, " J"]
+    ) -> Float[ndarray, " f"]:
+        """Spread one number per tracker and kind over the columns they make."""
+        parts = [
+            np.concatenate([np.full(3, position[i]), np.full(9, rotation[i])]) for i in self.others
+        ]
+        own = [np.full(3, rotation[self.reference]), np.full(1, position[self.reference])]
+        return np.concatenate([*parts, *own])
+
+    def mask(
+        self, position_mask: Bool[ndarray, " J"], orientation_mask: Bool[ndarray, " J"]
+    ) -> Bool[ndarray, " f"]:
+        """Which columns are known when only some trackers are.
+
+        The reference's own orientation is taken from prediction where it is masked; its
+        position cannot be, since all others are relative to it.
+        """
+        position = position_mask & position_mask[self.reference]
+        return self.columns(position.astype(float), orientation_mask.astype(float)) > 0.5
+
+    def extract(
+        self, positions: Float[ndarray, "*b J 3"], rotations: Float[ndarray, "*b J 3 3"]
+    ) -> Float[ndarray, "*b f"]:
+        """Features of tracker poses in the world."""
+        R = rotations[..., self.reference, :, :]
+        p = positions[..., self.reference, :]
+        others = list(self.others)
+        relative = np.einsum("...ba,...jb->...ja", R, positions[..., others, :] - p[..., None, :])
+        turned = np.einsum("...ba,...jbc->...jac", R, rotations[..., others, :, :])
+        per_tracker = np.concatenate([relative, turned.reshape(*relative.shape[:-1], 9)], axis=-1)
+        flat = per_tracker.reshape(*per_tracker.shape[:-2], _PER_TRACKER * len(others))
+        return np.concatenate([flat, R[..., 2, :], p[..., 2:]], axis=-1)
+
+
+def quaternions_to_matrices(q: Float[ndarray, "*b 4"]) -> Float[ndarray, "*b 3 3"]:
+    """Rotation matrices of unit quaternions w x y z (NumPy: the per-frame path)."""
+    w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+    out = np.empty((*q.shape[:-1], 3, 3))
+    out[..., 0, 0] = 1 - 2 * (y * y + z * z)
+    out[..., 0, 1] = 2 * (x * y - w * z)
+    out[..., 0, 2] = 2 * (x * z + w * y)
+    out[..., 1, 0] = 2 * (x * y + w * z)
+    out[..., 1, 1] = 1 - 2 * (x * x + z * z)
+    out[..., 1, 2] = 2 * (y * z - w * x)
+    out[..., 2, 0] = 2 * (x * z - w * y)
+    out[..., 2, 1] = 2 * (y * z + w * x)
+    out[..., 2, 2] = 1 - 2 * (x * x + y * y)
+    return out
+
+
+def database_features(
+    layout: FeatureLayout,
+    kinematics: Kinematics,
+    root: Float32[ndarray, "N 7"],
+    angles: Float32[ndarray, "N 56"],
+) -> Float32[ndarray, "N f"]:
+    """Features of every pose of a database, as if this subject had struck it."""
+    out = np.empty((len(angles), layout.size), dtype=np.float32)
+    for begin in range(0, len(angles), _CHUNK):
+        chunk = slice(begin, begin + _CHUNK)
+        qpos = np.hstack([root[chunk], angles[chunk]]).astype(float)
+        count = len(qpos)
+        if count < _CHUNK:  # pad to the one compiled shape
+            qpos = np.concatenate([qpos, np.repeat(qpos[-1:], _CHUNK - count, axis=0)])
+        poses = tracker_poses_batch(kinematics, jnp.asarray(qpos))
+        features = layout.extract(
+            np.asarray(poses.positions), quaternions_to_matrices(np.asarray(poses.quaternions))
+        )
+        out[chunk] = features[:count]
+    return out

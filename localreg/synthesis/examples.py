@@ -1,0 +1,75 @@
+"""Where examples come from: the database seen by one subject, minus what is left out."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float32
+from numpy import ndarray
+
+from localreg.body.kinematics import Kinematics
+from localreg.database.features import FeatureLayout, database_features
+from localreg.database.neighbours import ExactSearch, Metric, NeighbourSearch, Query
+from localreg.database.store import PoseDatabase
+from localreg.errors import DatabaseError
+from localreg.synthesis.prior import Examples
+
+
+@dataclass(frozen=True, eq=False)
+class ExampleSource:
+    """Finds examples in a database.
+
+    Attributes:
+        database: the poses.
+        features: what the subject's trackers would say in each of them.
+        search: finds rows.
+        targets: rows that may be found: allowed, and with all their predecessors.
+        count: K.
+        history: m.
+    """
+
+    database: PoseDatabase
+    features: Float32[ndarray, "N f"]
+    search: NeighbourSearch
+    targets: Bool[ndarray, " N"]
+    count: int
+    history: int
+
+    def find(self, query: Query) -> Examples:
+        """The nearest examples, single precision as stored."""
+        rows, squared_distances = self.search.search(query, self.count)
+        angles = self.database.angles[rows[:, None] - np.arange(self.history + 1)]
+        roots = self.database.roots[rows[:, None] - np.arange(2)]
+        return Examples(angles, roots, self.features[rows], squared_distances)
+
+
+def example_source(
+    database: PoseDatabase,
+    features: Float32[ndarray, "N f"],
+    allowed: Bool[ndarray, " N"] | None,
+    metric: Metric,
+    count: int,
+) -> ExampleSource:
+    """A source that finds only allowed poses.
+
+    Raises:
+        DatabaseError: nothing is left to find.
+    """
+    history = len(metric.history)
+    targets = np.zeros(len(database), dtype=bool)
+    targets[database.window_targets(history)] = True
+    if allowed is not None:
+        targets &= allowed
+    if not targets.any():
+        raise DatabaseError(
+            "nothing is left of the database to learn from; build it from more motions or "
+            "leave less out"
+        )
+    search = ExactSearch(database.angles, features, targets, metric)
+    return ExampleSource(database, features, search, targets, count, history)
+
+
+def features_for(
+    database: PoseDatabase, layout: FeatureLayout, kinematics: Kinematics
+) -> Float32[ndarray, "N f"]:
+    """What a subject's trackers would say in every pose of a database."""
+    return database_features(layout, kinematics, database.roots, database.angles)

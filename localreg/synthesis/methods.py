@@ -1,0 +1,163 @@
+"""Estimators by name: which prior, with which settings, over which database."""
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy import ndarray
+
+from localreg import numerics as numerics
+from localreg.body.kinematics import Kinematics
+from localreg.body.skeleton import DOF_COUNT, DOF_NAMES, joint_limits
+from localreg.body.subject import Subject
+from localreg.database.features import FeatureLayout
+from localreg.database.neighbours import Metric
+from localreg.database.store import DEFAULT_RATE, PoseDatabase
+from localreg.errors import SynthesisError
+from localreg.synthesis.examples import ExampleSource, example_source, features_for
+from localreg.synthesis.prior import (
+    InverseKinematics,
+    LocalRegression,
+    Prior,
+    PublishedRegression,
+)
+from localreg.synthesis.settings import METHODS, Settings
+from localreg.synthesis.synthesizer import Synthesizer
+
+__all__ = ["METHODS", "build_estimator", "build_synthesizer"]
+
+_BASIS_ROWS = 4000  # windows that the principal directions are found from
+
+
+def build_estimator(
+    method: str,
+    subject: Subject,
+    database: PoseDatabase | None = None,
+    allowed: Bool[ndarray, " poses"] | None = None,
+) -> Synthesizer:
+    """An estimator by the name of its method.
+
+    Args:
+        method: one of `METHODS`.
+        subject: whose body is moved, wearing the trackers that frames will hold.
+        database: the poses to learn from; not needed by `"ik"`.
+        allowed: which of its poses may be used; all by default.
+
+    Raises:
+        SynthesisError: there is no such method, or it needs a database.
+        DatabaseError: nothing is left to learn from.
+    """
+    if method not in METHODS:
+        raise SynthesisError(f"there is no method {method!r}; choose one of {', '.join(METHODS)}")
+    return build_synthesizer(METHODS[method], subject, database, allowed)
+
+
+def build_synthesizer(
+    settings: Settings,
+    subject: Subject,
+    database: PoseDatabase | None = None,
+    allowed: Bool[ndarray, " poses"] | None = None,
+) -> Synthesizer:
+    """An estimator by its settings; arguments and errors as in `build_estimator`."""
+    kinematics = Kinematics.from_subject(subject)
+    if settings.prior == "ik":
+        rate = DEFAULT_RATE if database is None else database.rate
+        return Synthesizer(subject, rate, settings, kinematics, _inverse_kinematics(settings), None)
+    if database is None:
+        raise SynthesisError(f"the prior {settings.prior!r} needs a database; build one first")
+    layout = FeatureLayout.of(subject)
+    features = features_for(database, layout, kinematics)
+    metric = _metric(settings, layout)
+
+    def build(allowed: Bool[ndarray, " poses"] | None) -> Synthesizer:
+        source = example_source(database, features, allowed, metric, settings.neighbours)
+        prior = _database_prior(settings, layout, source)
+        return Synthesizer(subject, database.rate, settings, kinematics, prior, source, build)
+
+    return build(allowed)
+
+
+def _metric(settings: Settings, layout: FeatureLayout) -> Metric:
+    weights = _columns(layout, settings.metric_position, settings.metric_rotation)
+    return Metric(np.array(settings.metric_history), weights)
+
+
+def _columns(layout: FeatureLayout, position: float, rotation: float) -> Float[ndarray, " f"]:
+    trackers = 1 + len(layout.others)
+    return layout.columns(np.full(trackers, position), np.full(trackers, rotation))
+
+
+def _database_prior(settings: Settings, layout: FeatureLayout, source: ExampleSource) -> Prior:
+    if settings.prior in ("paper", "joint"):
+        return PublishedRegression(
+            rank=settings.rank,
+            joint=settings.prior == "joint",
+            floor=jnp.asarray(settings.floor),
+            root_position=jnp.asarray(settings.root_position),
+            root_orientation=jnp.asarray(settings.root_orientation),
+        )
+    noise = _columns(layout, settings.feature_position_noise, settings.feature_rotation_noise)
+    rows = np.flatnonzero(source.targets)
+    rows = rows[:: max(1, len(rows) // _BASIS_ROWS)]
+    past = source.database.histories(rows, settings.history).reshape(len(rows), -1)
+    inputs = np.hstack([past / settings.history_noise, source.features[rows] / noise])
+    return LocalRegression(
+        history_noise=jnp.asarray(settings.history_noise),
+        feature_noise=jnp.asarray(noise),
+        basis=_principal_directions(inputs, settings.components),
+        ridge=jnp.asarray(settings.ridge),
+        floor=jnp.asarray(settings.floor),
+        pose_information=jnp.asarray(settings.pose_information),
+        step_noise=jnp.asarray(settings.step_noise),
+        step_basis=_principal_directions(past, settings.components),
+        step_ridge=jnp.asarray(settings.step_ridge),
+        step_spread=jnp.asarray(settings.step_spread),
+        step_floor=jnp.concatenate(
+            [
+                jnp.full(3, settings.step_floor_position),
+                jnp.full(3 + DOF_COUNT, settings.step_floor_angle),
+            ]
+        ),
+        surprise_memory=jnp.asarray(settings.surprise_memory),
+    )
+
+
+def _principal_directions(rows: Float[ndarray, "rows n"], count: int) -> Float[jnp.ndarray, "n r"]:
+    centered = rows.astype(float) - rows.mean(axis=0, dtype=float)
+    vectors = np.linalg.eigh(centered.T @ centered)[1]
+    return jnp.asarray(np.ascontiguousarray(vectors[:, ::-1][:, :count]))
+
+
+def _inverse_kinematics(settings: Settings) -> InverseKinematics:
+    limits = joint_limits()
+    return InverseKinematics(
+        previous_pose=jnp.asarray(settings.previous_pose),
+        starts=jnp.asarray(_ik_starts()),
+        low=jnp.asarray(limits[:, 0]),
+        high=jnp.asarray(limits[:, 1]),
+        limit_softness=jnp.asarray(settings.limit_softness),
+        root_position=jnp.asarray(settings.root_position),
+        root_orientation=jnp.asarray(settings.root_orientation),
+    )
+
+
+# Poses that inverse kinematics begins from: angles [deg] that differ from the rest pose,
+# in which the arms point sideways.
+_STANDING = {"lhumerusrz": 70.0, "rhumerusrz": -70.0, "lradiusrx": 20.0, "rradiusrx": 20.0}
+_IK_STARTS = (
+    _STANDING,
+    {},
+    {**_STANDING, "lradiusrx": 90.0, "rradiusrx": 90.0},
+    {"lhumerusrz": -60.0, "rhumerusrz": 60.0},
+    {**_STANDING, "lfemurrx": -80.0, "rfemurrx": -80.0, "ltibiarx": 90.0, "rtibiarx": 90.0},
+    {**_STANDING, "lfemurrx": -50.0, "ltibiarx": 60.0},
+    {**_STANDING, "rfemurrx": -50.0, "rtibiarx": 60.0},
+    {**_STANDING, "lowerbackrx": 30.0, "upperbackrx": 20.0, "thoraxrx": 20.0},
+)
+
+
+def _ik_starts() -> Float[ndarray, "S 56"]:
+    starts = np.zeros((len(_IK_STARTS), DOF_COUNT))
+    for row, pose in zip(starts, _IK_STARTS, strict=True):
+        for name, degrees in pose.items():
+            row[DOF_NAMES.index(name)] = np.radians(degrees)
+    return starts

@@ -1,0 +1,159 @@
+"""Local regression: from K examples to a prediction with an honest covariance.
+
+Every function here takes inputs X (K x n), outputs Y (K x d) and the present input x, and
+returns a Gaussian over the present output. Sources: [P] "realtime motion control with
+local regression models and six inertial sensors"; [L11] Liu et al. 2011, "Realtime human
+motion control with a small number of inertial sensors".
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import jax.scipy.linalg as jsl
+from jaxtyping import Array, Float
+
+from localreg import numerics as numerics
+
+_BISECTIONS = 60  # halves the bracket of an eigenvalue down to double precision
+
+
+class Normal(NamedTuple):
+    """A Gaussian over d outputs."""
+
+    mean: Float[Array, " d"]
+    covariance: Float[Array, "d d"]
+
+
+def kernel_weights(squared_distances: Float[Array, " K"]) -> Float[Array, " K"]:
+    """Weights that fall smoothly from 1 at the query to 0 beyond the farthest neighbour.
+
+    Rows at infinite distance, which only fill the shape, get none.
+    """
+    finite = jnp.isfinite(squared_distances)
+    farthest = jnp.max(jnp.where(finite, squared_distances, 0.0))
+    share = jnp.where(finite, squared_distances, 0.0) / jnp.maximum(1.1 * farthest, 1e-12)
+    return jnp.where(finite, jnp.square(1.0 - share), 0.0)
+
+
+def weighted_ridge(
+    X: Float[Array, "K n"],
+    Y: Float[Array, "K d"],
+    weights: Float[Array, " K"],
+    x: Float[Array, " n"],
+    ridge: Float[Array, ""],
+) -> Normal:
+    """Weighted ridge regression with its predictive (leave-one-out) covariance.
+
+    With inputs measured in units of their own noise a unit ridge is the
+    errors-in-variables solution: an input is believed as far as its spread among the
+    neighbours exceeds its noise. The covariance is that of the leave-one-out residuals
+    e_i / (1 - h_ii), exact for weighted ridge (PRESS; Allen 1974) with
+
+        h_ii = w_i / sum w + w_i x_i^T (X^T W X + lambda I)^-1 x_i
+
+    on centered inputs, plus the noise of x carried through the regression.
+    """
+    total = jnp.sum(weights)
+    center, mean = weights @ X / total, weights @ Y / total
+    X, Y = X - center, Y - mean
+    XW = X * weights[:, None]
+    normal = X.T @ XW + ridge * total * jnp.eye(X.shape[1], dtype=X.dtype)
+    lower = jnp.linalg.cholesky(normal)
+    slopes = jsl.cho_solve((lower, True), XW.T @ Y)
+    half = jsl.solve_triangular(lower, X.T, lower=True)
+    leverage = weights * (1.0 / total + jnp.sum(half * half, axis=0))
+    # A lone far example may own its fit; the cap keeps its residual finite.
+    residuals = (Y - X @ slopes) / jnp.maximum(1.0 - leverage, 0.05)[:, None]
+    covariance = (residuals * weights[:, None]).T @ residuals / total
+    return Normal(mean + (x - center) @ slopes, covariance + slopes.T @ slopes)
+
+
+def per_dof_projection(
+    X: Float[Array, "K n"], Y: Float[Array, "K d"], x: Float[Array, " n"], rank: int
+) -> tuple[Float[Array, " d"], Float[Array, " d"]]:
+    """The published prior: input-output PCA for each output on its own.
+
+    For output d the r leading right singular vectors of A_d = [X, y_d], split into U_x and
+    u_y, give alpha_d = U_x u_y / (1 - |u_y|^2). All outputs share X X^T, so it is
+    diagonalized once; each A_d A_d^T = X X^T + y_d y_d^T is a rank-one change of it, whose
+    eigenvalues are roots of the secular equation 1 + sum z_i^2 / (g_i - lambda) = 0
+    (Golub 1973), found by bisection between neighbouring g_i. Nothing n x n is formed.
+
+    Returns:
+        The predictions, and the standard deviations of the K training residuals about
+        them, both shape (d,). [P], equations of its section on online local models.
+    """
+    center, mean = jnp.mean(X, axis=0), jnp.mean(Y, axis=0)
+    X, Y, x = X - center, Y - mean, x - center
+    gram = X @ X.T
+    g, V = jnp.linalg.eigh(gram)
+    g, V = jnp.maximum(g[::-1], 0.0), V[:, ::-1]  # descending
+    z = (V.T @ Y).T  # (d, K)
+    # Deflation: outputs without a component along an eigenvector keep a hair of one.
+    scale = jnp.maximum(jnp.linalg.norm(z, axis=1, keepdims=True), 1e-12)
+    z = jnp.where(jnp.abs(z) < 1e-10 * scale, 1e-10 * scale, z)
+    shift, directions = _secular(g, z, rank)  # (d, r), (d, r, K)
+    eigenvalues = g[:rank] + shift
+    inverse_root = 1.0 / jnp.sqrt(jnp.maximum(eigenvalues, 1e-300))
+    u_y = jnp.einsum("drk,dk->dr", directions, z) * inverse_root
+    # |u_y|^2 -> 1: the subspace lies along the output and says nothing about it.
+    share = jnp.sum(u_y * u_y, axis=1)
+    gain = u_y / jnp.maximum(1.0 - share, 1e-6)[:, None]
+    along = jnp.einsum("drk,k->dr", directions, V.T @ (X @ x)) * inverse_root
+    fitted = jnp.einsum("drk,dr->dk", directions * g, gain * inverse_root)
+    residuals = (z - fitted) ** 2  # V is orthogonal: the norm is that of Y - X alpha
+    return mean + jnp.sum(along * gain, axis=1), jnp.sqrt(jnp.mean(residuals, axis=1))
+
+
+def joint_projection(
+    X: Float[Array, "K n"], Y: Float[Array, "K d"], x: Float[Array, " n"], rank: int
+) -> tuple[Float[Array, " d"], Float[Array, " d"]]:
+    """Input-output PCA of all outputs at once: one decomposition of [X, Y].
+
+    alpha = U_y (U_x^T U_x)^-1 U_x^T. Returns predictions and the standard deviations of
+    the training residuals, both shape (d,).
+    """
+    center, mean = jnp.mean(X, axis=0), jnp.mean(Y, axis=0)
+    X, Y, x = X - center, Y - mean, x - center
+    values, V = jnp.linalg.eigh(X @ X.T + Y @ Y.T)
+    values, V = values[::-1][:rank], V[:, ::-1][:, :rank]
+    scale = 1.0 / jnp.sqrt(jnp.maximum(values, 1e-300))
+    U_x, U_y = X.T @ V * scale, Y.T @ V * scale
+    inner = U_x.T @ U_x + 1e-13 * jnp.eye(rank, dtype=X.dtype)
+    scores = jnp.linalg.solve(inner, U_x.T @ jnp.concatenate([x[:, None], X.T], axis=1))
+    predicted = U_y @ scores
+    residuals = Y - predicted[:, 1:].T
+    return mean + predicted[:, 0], jnp.sqrt(jnp.mean(residuals**2, axis=0))
+
+
+def _secular(
+    g: Float[Array, " K"], z: Float[Array, "d K"], rank: int
+) -> tuple[Float[Array, "d r"], Float[Array, "d r K"]]:
+    """The leading eigenpairs of diag(g) + z z^T, g descending.
+
+    Eigenvalue k lies between g_k and g_(k-1), the first below g_0 + |z|^2. It is kept as
+    its distance from g_k, in which the eigenvector z_i / (g_i - lambda) loses no digits.
+
+    Returns:
+        The distances, and the unit eigenvectors in the basis of diag(g).
+    """
+    gaps = jnp.concatenate([jnp.full(1, jnp.inf), g[:-1] - g[1:]])[:rank]
+    squares = z * z
+    low = jnp.zeros((len(z), rank), dtype=g.dtype)
+    high = jnp.minimum(gaps[None, :], jnp.sum(squares, axis=1, keepdims=True))
+    distance = g[None, :] - g[:rank, None]  # (r, K): g_i - g_k
+
+    def halve(bracket: tuple[Array, Array], _: None) -> tuple[tuple[Array, Array], None]:
+        low, high = bracket
+        middle = 0.5 * (low + high)
+        poles = distance[None] - middle[:, :, None]
+        poles = jnp.where(poles == 0.0, 1e-300, poles)
+        rising = 1.0 + jnp.sum(squares[:, None, :] / poles, axis=2) < 0.0
+        return (jnp.where(rising, middle, low), jnp.where(rising, high, middle)), None
+
+    (low, high), _ = jax.lax.scan(halve, (low, high), None, length=_BISECTIONS)
+    shift = 0.5 * (low + high)
+    poles = distance[None] - shift[:, :, None]
+    vectors = z[:, None, :] / jnp.where(poles == 0.0, 1e-300, poles)
+    return shift, vectors / jnp.linalg.norm(vectors, axis=2, keepdims=True)

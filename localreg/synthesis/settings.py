@@ -1,0 +1,113 @@
+"""Every number of the method, with its unit and what it was chosen by.
+
+Defaults were chosen on every sixth clip of the sample set (leave one clip out) and on
+ten AMC clips of CMU; reports are made on all clips.
+"""
+
+from dataclasses import dataclass, replace
+from math import radians
+from typing import Final
+
+from localreg.errors import SynthesisError
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What an estimator is made with.
+
+    Attributes:
+        prior: `"localreg"` (the best known here), `"paper"` (the published method),
+            `"joint"` (its variant with one decomposition for all outputs) or `"ik"`
+            (no database).
+        neighbours: K, the examples of every frame.
+        history: m, the past poses that a window holds.
+        sigma_position: what a tracker's position is believed to be off by [m].
+        sigma_orientation: the same for orientation [rad].
+        lorentzian: c of the Lorentzian; larger is closer to plain squares.
+        max_steps: cap of solver steps a frame.
+        max_steps_acquire: cap where the pose is found from nothing.
+        rank: r of the input-output projection (paper, joint).
+        floor: least standard deviation of a predicted joint angle [rad].
+        ridge: multiple of the noise-derived ridge of the pose regression.
+        components: principal directions that regression inputs are reduced to.
+        history_noise: what reconstructed joint angles are off by, for the pose [rad].
+        feature_position_noise: what feature positions are off by [m].
+        feature_rotation_noise: what entries of feature rotation matrices are off by.
+        pose_information: share of the pose regression's information that is new in each
+            frame; its errors last for about the inverse in frames.
+        step_noise: what the past's joint angles are off by, for the step [rad].
+        step_ridge: multiple of the noise-derived ridge of the step regression.
+        step_spread: factor on the step's predicted standard deviation; above 1 since
+            its errors, too, are alike from frame to frame.
+        step_floor_position: least standard deviation of the root's step [m].
+        step_floor_angle: least standard deviation of any angle's step [rad].
+        surprise_memory: share of a surprise that is still believed a frame later.
+        metric_history: weight of each lag's joint angles in the search [1/rad].
+        search_by_trackers: whether neighbours must agree with the present trackers, too;
+            where there is no past they always must.
+        metric_position: weight of feature positions in the search [1/m].
+        metric_rotation: weight of feature rotation entries in the search.
+        root_position: deviation of the root from constant velocity where no step is
+            predicted [m].
+        root_orientation: the same [rad].
+        previous_pose: pull to the previous pose (ik) [rad].
+        limit_softness: how far beyond a joint's range is one standard deviation (ik) [rad].
+    """
+
+    prior: str = "localreg"
+    neighbours: int = 300
+    history: int = 3
+    sigma_position: float = 0.005
+    sigma_orientation: float = radians(1.0)
+    lorentzian: float = 9.0
+    max_steps: int = 16
+    max_steps_acquire: int = 40
+    rank: int = 10
+    floor: float = radians(2.0)
+    ridge: float = 3.0
+    components: int = 48
+    history_noise: float = radians(1.0)
+    feature_position_noise: float = 0.006
+    feature_rotation_noise: float = 0.012
+    pose_information: float = 0.15
+    step_noise: float = radians(0.5)
+    step_ridge: float = 10.0
+    step_spread: float = 4.5
+    step_floor_position: float = 0.001
+    step_floor_angle: float = radians(0.1)
+    surprise_memory: float = 0.9
+    metric_history: tuple[float, ...] = (1.0, 0.5, 0.25)
+    search_by_trackers: bool = True
+    metric_position: float = 3.0
+    metric_rotation: float = 0.5
+    root_position: float = 0.1
+    root_orientation: float = 0.3
+    previous_pose: float = radians(6.0)
+    limit_softness: float = radians(3.0)
+
+    def __post_init__(self) -> None:
+        if self.prior not in PRIORS:
+            raise SynthesisError(
+                f"there is no prior {self.prior!r}; choose one of {', '.join(PRIORS)}"
+            )
+        if len(self.metric_history) != self.history:
+            raise SynthesisError(
+                f"metric_history needs one weight for each of the {self.history} past poses"
+            )
+
+
+PRIORS: Final = ("localreg", "paper", "joint", "ik")
+"""Names of the priors."""
+
+METHODS: Final[dict[str, Settings]] = {
+    "localreg": Settings(),
+    # K, r and floor as published or, where the paper is silent, chosen on the same clips.
+    "paper": replace(
+        Settings(), prior="paper", neighbours=40, floor=radians(3.0), search_by_trackers=False
+    ),
+    "joint": replace(
+        Settings(), prior="joint", neighbours=40, floor=radians(3.0), search_by_trackers=False
+    ),
+    "ik": replace(Settings(), prior="ik", neighbours=0),
+}
+"""The settings of every method that can be asked for by name."""

@@ -1,0 +1,73 @@
+"""What an estimator carries from frame to frame."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+from numpy import ndarray
+
+from localreg import numerics as numerics
+from localreg.body.skeleton import DOF_COUNT, QPOS_SIZE, TANGENT_SIZE
+
+
+class State(NamedTuple):
+    """The belief after a frame; arrays are NumPy's or JAX's alike.
+
+    Attributes:
+        qpos: the pose.
+        covariance: of the pose's 62 tangent coordinates.
+        velocity: last step of the root: translation [m], rotation vector [rad] a frame.
+        history: joint angles of the last m poses, newest first [rad].
+        history_valid: which of them exist.
+        reference: rotation matrix of the reference tracker as synthesized.
+        surprise: how many times larger than predicted the trackers' deviations from
+            prediction have lately been (squared).
+        lost: frames in a row that the trackers were left far from.
+    """
+
+    qpos: Float[Array | ndarray, "63"]
+    covariance: Float[Array | ndarray, "62 62"]
+    velocity: Float[Array | ndarray, "6"]
+    history: Float[Array | ndarray, "m 56"]
+    history_valid: Bool[Array | ndarray, " m"]
+    reference: Float[Array | ndarray, "3 3"]
+    surprise: Float[Array | ndarray, ""]
+    lost: int = 0
+
+
+def blank_state(history: int) -> State:
+    """A state that knows nothing: upright at the origin, no past."""
+    qpos = np.zeros(QPOS_SIZE)
+    qpos[2], qpos[3:5] = 0.95, 0.5**0.5
+    return State(
+        qpos=qpos,
+        covariance=100.0 * np.eye(TANGENT_SIZE),
+        velocity=np.zeros(6),
+        history=np.zeros((history, DOF_COUNT)),
+        history_valid=np.zeros(history, dtype=bool),
+        reference=np.eye(3),
+        surprise=np.ones(()),
+    )
+
+
+def state_at(qpos: Float[ndarray, "63"], history: int) -> State:
+    """A state that knows one pose well and nothing of before."""
+    state = blank_state(history)
+    past = np.repeat(qpos[None, 7:], history, axis=0)
+    valid = np.zeros(history, dtype=bool)
+    valid[0] = True
+    return state._replace(
+        qpos=qpos,
+        covariance=1e-4 * np.eye(TANGENT_SIZE),
+        history=past,
+        history_valid=valid,
+    )
+
+
+def remember(history: Array, valid: Array, qpos: Array) -> tuple[Array, Array]:
+    """The history with one more pose at its front, the oldest dropped."""
+    return (
+        jnp.concatenate([qpos[None, 7:], history[:-1]]),
+        jnp.concatenate([jnp.ones(1, dtype=bool), valid[:-1]]),
+    )
