@@ -57,7 +57,7 @@ class LiveCounters:
             performer changed, and after a blindness.
         sink_errors: times a sink failed.
         latency: from the last byte of a frame's newest sample to the pose in all sinks [s].
-        compute: spent by the estimator on one frame [s].
+        compute: from a frame to its pose, where one was found [s].
         last_sink_error: in words.
     """
 

@@ -9,12 +9,19 @@ The estimator never fails, but it can be blind, give up, or be replaced. The rul
   such frames in a row the state is worthless and thrown away.
 - *Another estimator than before*, or trackers back after more than a coast: the body is
   found from this frame alone, as soon as `min_trackers` are measured.
+
+Finding a body solves from many starts and takes two or three periods, so it is done by an
+executor. Frames that come meanwhile show the last good pose in time, and once it is found
+they are caught up with, so that the body is where it would be without haste. After
+`max_waiting` of them the loop waits: better late than a frozen body.
 """
 
 from collections.abc import Callable
+from concurrent.futures import Executor, Future, wait
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
@@ -36,11 +43,13 @@ class PerformanceConfig:
         patience: frames in a row that may fail before the body is found anew.
         min_trackers: so many trackers must be measured to find a body from one frame; all
             of them if a subject wears fewer.
+        max_waiting: frames that may go by while a body is being found.
     """
 
     coast: float = 0.1
     patience: int = 8
     min_trackers: int = 3
+    max_waiting: int = 4
 
 
 class Outcome(NamedTuple):
@@ -56,6 +65,7 @@ class Performance:
 
     Args:
         estimator_at: chooses the estimator; called once a frame.
+        executor: where bodies are found from one frame.
         counters: where blind, failed and held frames are counted.
         config: settings.
     """
@@ -63,42 +73,77 @@ class Performance:
     def __init__(
         self,
         estimator_at: EstimatorAt,
+        executor: Executor,
         counters: LiveCounters | None = None,
         config: PerformanceConfig | None = None,
     ) -> None:
         self.counters = counters or LiveCounters()
         self._estimator_at = estimator_at
+        self._executor = executor
         self._config = config or PerformanceConfig()
         self._estimator: AnyEstimator | None = None
         self._state: Any = None
         self._good: Pose | None = None
         self._seen: float | None = None
         self._failures = 0
+        self._search: Future[Any] | None = None
+        self._waiting: list[TrackerFrame] = []
 
-    def take(self, frame: TrackerFrame) -> Outcome | None:
-        """The pose for a frame; None while there has never been one."""
+    def take(self, frame: TrackerFrame, budget: float = 0.0) -> Outcome | None:
+        """The pose for a frame.
+
+        Args:
+            frame: what the trackers say.
+            budget: how long it may wait for a body to be found [s].
+
+        Returns:
+            None while there has never been a pose.
+        """
         estimator = self._estimator_at(frame.time)
         if estimator is not self._estimator:
-            self._estimator, self._state, self._failures = estimator, None, 0
+            self._estimator, self._failures = estimator, 0
+            self._forget()
         measured = int(np.count_nonzero(frame.position_mask | frame.orientation_mask))
         if not measured:
             self.counters.blind_frames += 1
             if self._state is None or self._since_seen(frame.time) > self._config.coast:
                 return self._hold(frame)
         elif self._since_seen(frame.time) > self._config.coast:
-            self._state = None
-        is_start = self._state is None
-        if is_start:
-            if measured < min(self._config.min_trackers, len(frame.position_mask)):
-                return self._hold(frame)
-            self.counters.starts += 1
-            self._state = estimator.init(frame)
+            self._forget()
+        if self._state is None:
+            return self._find(estimator, frame, measured, budget)
         if measured:
             self._seen = frame.time
         state, pose = estimator.step(self._state, frame)
-        if is_start:
-            # The step only reads the pose out: the next frame is the second, not the third.
-            state = self._state
+        return self._judge(frame, state, pose, False)
+
+    def _find(
+        self, estimator: AnyEstimator, frame: TrackerFrame, measured: int, budget: float
+    ) -> Outcome | None:
+        """Have the body found, and catch up when it is."""
+        if self._search is None:
+            if measured < min(self._config.min_trackers, len(frame.position_mask)):
+                return self._hold(frame)
+            self.counters.starts += 1
+            self._search = self._executor.submit(_found, estimator, frame)
+        self._seen = frame.time
+        self._waiting.append(frame)
+        is_patient = len(self._waiting) <= self._config.max_waiting
+        if not wait([self._search], budget if is_patient else None).done:
+            return self._hold(frame)
+        state, frames = self._search.result(), self._waiting
+        self._forget()
+        # The step on the first frame only reads the pose out: the second is the second.
+        following, pose = estimator.step(state, frames[0])
+        if len(frames) == 1:
+            following = state
+        for later in frames[1:]:
+            state, pose = estimator.step(state, later)
+            following = state
+        return self._judge(frame, following, pose, True)
+
+    def _judge(self, frame: TrackerFrame, state: Any, pose: Pose, is_start: bool) -> Outcome | None:
+        """Take over a pose and the state after it, or hold the pose before."""
         is_finite = bool(np.isfinite(pose.qpos).all())
         if is_finite:
             self._state = state
@@ -106,12 +151,17 @@ class Performance:
             self.counters.failed_frames += 1
             self._failures += 1
             if self._failures >= self._config.patience:
-                self._state, self._failures = None, 0
+                self._failures = 0
+                self._forget()
             return self._hold(frame)
         self._failures = 0
         self.counters.reacquired_frames += pose.result == Result.REACQUIRED
         self._good = pose
         return Outcome(pose, False, is_start or pose.result == Result.REACQUIRED)
+
+    def _forget(self) -> None:
+        """The next frame begins anew; a search that is under way is not waited for."""
+        self._state, self._search, self._waiting = None, None, []
 
     def _since_seen(self, time: float) -> float:
         return 0.0 if self._seen is None else time - self._seen
@@ -131,6 +181,11 @@ class Performance:
             result=Result.FAILED,
         )
         return Outcome(held, True, False)
+
+
+def _found(estimator: AnyEstimator, frame: TrackerFrame) -> Any:
+    """The state of a body found; really found, for JAX answers with promises."""
+    return jax.block_until_ready(estimator.init(frame))
 
 
 def tracker_residual(pose: Pose) -> float:

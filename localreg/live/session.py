@@ -1,7 +1,8 @@
 """The live loop: receive, assemble, synthesize, publish; and count what was too late.
 
 Everything happens in the thread that calls `run`, except that each device reads its line
-in a thread of its own. Nothing in here grows with time.
+in a thread of its own, and that bodies are found from one frame in another. Nothing in here
+grows with time.
 
 A frame is late when its pose reaches the sinks more than one period after its instant plus
 the assembler's delay, or never. Latency counts from the last byte of the frame's newest
@@ -14,6 +15,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
 from types import FrameType
 
 from localreg.errors import LocalregError
@@ -26,6 +28,9 @@ from sensors.stream import FrameStream
 
 _POLL = 0.05
 """How often the loop looks whether it is to stop, when no frames come [s]."""
+
+_STEP_SHARE = 0.4
+"""Share of a period that is kept for the step itself when a body is waited for."""
 
 _IDLE_SLACK = 0.4
 """Idle work begins only if so much of a period is left before the next instant."""
@@ -42,6 +47,7 @@ class Session:
         devices: whose rejected records count as dropped samples; starting and stopping them
             is the caller's.
         config: what to do with frames that cannot be solved.
+        executor: where bodies are found from one frame; by default a thread.
         on_idle: work that may wait, such as a display; it is called when the next frame is
             some way off, so it costs no lateness as long as it takes a few milliseconds.
         now: the clock of the frames [s].
@@ -55,13 +61,15 @@ class Session:
         *,
         devices: Sequence[Device] = (),
         config: PerformanceConfig | None = None,
+        executor: Executor | None = None,
         on_idle: Callable[[], None] | None = None,
         now: Callable[[], float] = time.monotonic,
     ) -> None:
         self.counters = LiveCounters()
         self.latest: LivePose | None = None
         self._stream = stream
-        self._performance = Performance(estimator_at, self.counters, config)
+        self._executor = executor or ThreadPoolExecutor(1, thread_name_prefix="find-body")
+        self._performance = Performance(estimator_at, self._executor, self.counters, config)
         self._sinks = tuple(sinks)
         self._devices = tuple(devices)
         self.on_idle = on_idle
@@ -94,7 +102,7 @@ class Session:
         self._stop.set()
 
     def run(self, start: float = -math.inf, end: float = math.inf) -> None:
-        """Serve frames until stopped, then close the sinks.
+        """Serve frames until stopped, then close the sinks; once only.
 
         Args:
             start: frames of earlier instants are passed over [s].
@@ -109,6 +117,7 @@ class Session:
             if self._serve(start, end):
                 self._count_missing_until(end, start)
         finally:
+            self._executor.shutdown(cancel_futures=True)
             for sink in self._sinks:
                 sink.close()
 
@@ -130,10 +139,13 @@ class Session:
 
     def _take(self, assembled: AssembledFrame, start: float) -> None:
         frame, counters = assembled.frame, self.counters
+        period = self._stream.assembler.period
+        limit = frame.time + self.buffer + period
         self._count_missing_before(assembled, start)
         begun = self._now()
-        outcome = self._performance.take(frame)
-        counters.compute.add(self._now() - begun)
+        outcome = self._performance.take(frame, max(0.0, limit - _STEP_SHARE * period - begun))
+        if outcome is not None and not outcome.is_held:
+            counters.compute.add(self._now() - begun)
         counters.frames += 1
         self._last = (assembled.index, frame.time)
         if outcome is None:
@@ -146,7 +158,7 @@ class Session:
         self.latest = live
         if not math.isnan(assembled.newest_arrival):
             counters.latency.add(reached - assembled.newest_arrival)
-        if reached > frame.time + self.buffer + self._stream.assembler.period:
+        if reached > limit:
             counters.late_frames += 1
 
     def _publish(self, live: LivePose) -> None:

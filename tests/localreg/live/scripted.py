@@ -1,6 +1,8 @@
 """A clock, a stream and an estimator that do exactly what a test tells them."""
 
 from collections.abc import Callable, Iterable
+from concurrent.futures import Executor, Future
+from typing import Any
 
 import numpy as np
 
@@ -46,6 +48,30 @@ def arrived(n: int, seen: int = 6, lag: float = 0.002) -> AssembledFrame:
     """Frame n, whose newest sample came `lag` after its instant; NaN if nothing was seen."""
     arrival = instant(n) + lag
     return AssembledFrame(frame(n, seen), arrival if seen else float("nan"), arrival, n)
+
+
+class Inline(Executor):
+    """Finds bodies at once, or when told.
+
+    Args:
+        patient: tasks wait for `finish`.
+    """
+
+    def __init__(self, patient: bool = False) -> None:
+        self._patient = patient
+        self._tasks: list[tuple[Future[Any], Callable[[], Any]]] = []
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        self._tasks.append((future, lambda: fn(*args, **kwargs)))
+        if not self._patient:
+            self.finish()
+        return future
+
+    def finish(self) -> None:
+        for future, work in self._tasks:
+            future.set_result(work())
+        self._tasks = []
 
 
 class ScriptedStream(FrameStream):

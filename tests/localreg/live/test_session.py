@@ -18,6 +18,7 @@ from tests.localreg.live.scripted import (
     PERIOD,
     START,
     Clock,
+    Inline,
     Listener,
     ScriptedEstimator,
     ScriptedStream,
@@ -35,7 +36,12 @@ def run(frames, *, clock=None, estimator=None, start=-math.inf, end=math.inf, **
     estimator = estimator or ScriptedEstimator(clock)
     listener = Listener()
     session = Session(
-        ScriptedStream(clock, frames), lambda _: estimator, [listener], now=clock, **options
+        ScriptedStream(clock, frames),
+        lambda _: estimator,
+        [listener],
+        now=clock,
+        executor=Inline(),
+        **options,
     )
     if math.isinf(end):
         end = frames[-1].frame.time + 1e-3
@@ -148,7 +154,14 @@ def test_dropped_samples_are_those_of_this_run():
         stream.assembler.push(PoseSample("tail", START, np.zeros(3), np.zeros(4)))
 
     estimator = ScriptedEstimator(clock)
-    session = Session(stream, lambda _: estimator, [Listener(disturb)], devices=[device], now=clock)
+    session = Session(
+        stream,
+        lambda _: estimator,
+        [Listener(disturb)],
+        devices=[device],
+        now=clock,
+        executor=Inline(),
+    )
     sample = PoseSample("head", START, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
     stream.samples.put([Received(sample, START)] * 1024)
     session.run(end=instant(3))
@@ -166,7 +179,7 @@ def test_a_sink_that_fails_stops_nobody(error):
     broken, sound = Listener(fail), Listener()
     estimator = ScriptedEstimator(clock)
     stream = ScriptedStream(clock, (arrived(n) for n in range(4)))
-    session = Session(stream, lambda _: estimator, [broken, sound], now=clock)
+    session = Session(stream, lambda _: estimator, [broken, sound], now=clock, executor=Inline())
     session.run(end=instant(4))
     assert sound.shown == [0, 1, 2, 3]
     assert session.counters.sink_errors == 4
@@ -181,7 +194,7 @@ def test_sinks_are_closed_though_the_loop_breaks():
     broken, sound = Listener(defect), Listener()
     estimator = ScriptedEstimator(clock)
     stream = ScriptedStream(clock, (arrived(n) for n in range(4)))
-    session = Session(stream, lambda _: estimator, [broken, sound], now=clock)
+    session = Session(stream, lambda _: estimator, [broken, sound], now=clock, executor=Inline())
     with pytest.raises(RuntimeError):
         session.run(end=instant(4))
     assert (broken.closed, sound.closed) == (1, 1)
@@ -197,7 +210,7 @@ def test_interrupt_ends_the_run_after_the_frame_in_hand():
     listener = Listener(interrupt)
     estimator = ScriptedEstimator(clock)
     stream = ScriptedStream(clock, (arrived(n) for n in range(9)))
-    session = Session(stream, lambda _: estimator, [listener], now=clock)
+    session = Session(stream, lambda _: estimator, [listener], now=clock, executor=Inline())
     before = signal.getsignal(signal.SIGINT)
     with stopped_by_interrupt(session):
         session.run(end=instant(9))
@@ -219,6 +232,7 @@ def test_a_session_may_run_in_any_thread():
         lambda _: estimator,
         [listener],
         now=clock,
+        executor=Inline(),
     )
 
     def serve() -> None:
