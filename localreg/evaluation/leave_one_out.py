@@ -102,7 +102,7 @@ class Worker:
         self._protocol = protocol
         self._subject: Subject | None = None
         self._body: BodyPoints | None = None
-        self._estimators: dict[str, AnyEstimator] = {}
+        self._estimators: dict[str, tuple[AnyEstimator, Trial]] = {}
 
     def run(self, trial: Trial) -> list[ClipResult]:
         """All methods with all signals on one clip.
@@ -146,19 +146,16 @@ class Worker:
 
     def _estimator(self, method: str, trial: Trial, trackers: SimulatedTrackers) -> AnyEstimator:
         """The method with the trial's clips masked from its database."""
-        subject = trial.motion.subject
-        if method in WITHOUT_DATABASE:
-            if method not in self._estimators:
-                self._estimators[method] = build_estimator(method, subject, self._database)
-                warm_up(self._estimators[method], trackers)
-            return self._estimators[method]
-        allowed = trial.allowed(self._database)
-        if method not in self._estimators:
-            estimator = build_estimator(method, subject, self._database, allowed)
-            warm_up(estimator, trackers)
+        known = self._estimators.get(method)
+        if known is not None and (known[1] is trial or method in WITHOUT_DATABASE):
+            return known[0]
+        allowed = None if method in WITHOUT_DATABASE else trial.allowed(self._database)
+        if known is not None and allowed is not None:
+            estimator = known[0].leave_out(allowed)
         else:
-            estimator = self._estimators[method].leave_out(allowed)
-        self._estimators[method] = estimator
+            estimator = build_estimator(method, trial.motion.subject, self._database, allowed)
+            warm_up(estimator, trackers)
+        self._estimators[method] = (estimator, trial)
         return estimator
 
 
