@@ -12,8 +12,8 @@ _JUMP = 1.0
 def bad_day(seconds: float) -> tuple[str, ...]:
     """Faults over a run, as the emulator reads them.
 
-    From a tenth to three tenths of the time junk bytes and truncated records; at 0.4 the
-    third tracker is off by 30 cm for a second; at 0.6 the line is silent for 3 s.
+    From a tenth to three tenths of the time junk bytes and truncated records; at 0.35 the
+    third tracker is off by 30 cm for a second; at 0.5 the line is silent for 3 s.
 
     Args:
         seconds: duration of the run [s].
@@ -27,6 +27,6 @@ def bad_day(seconds: float) -> tuple[str, ...]:
     return (
         f"junk,{noisy},probability=0.1",
         f"truncation,{noisy},probability=0.05",
-        f"jump,station=3,start={0.4 * seconds:.3f},duration={_JUMP:g},dz=0.3",
-        f"silence,start={0.6 * seconds:.3f},duration={_SILENCE:g}",
+        f"jump,station=3,start={0.35 * seconds:.3f},duration={_JUMP:g},dz=0.3",
+        f"silence,start={0.5 * seconds:.3f},duration={_SILENCE:g}",
     )
