@@ -9,6 +9,7 @@ Import before `jax.numpy`.
 """
 
 import os
+from typing import Any
 
 # The size of XLA's thread pool; it has no option of its own.
 os.environ.setdefault("NPROC", "1")
@@ -17,8 +18,16 @@ import jax
 import scipy.linalg as scipy_linalg  # XLA's LAPACK is SciPy's: load it before limiting it
 from threadpoolctl import threadpool_limits
 
-__all__ = ["jax", "scipy_linalg"]
+__all__ = ["host_arrays", "jax", "scipy_linalg"]
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_platforms", "cpu")
 threadpool_limits(limits=1)
+
+
+def host_arrays(*arrays: Any) -> Any:
+    """NumPy arrays on their way into a compiled function, which takes them as they are.
+
+    Only types change: converting them beforehand would cost as much as a regression.
+    """
+    return arrays

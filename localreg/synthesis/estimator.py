@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 from enum import IntEnum
 from typing import Any, Generic, NamedTuple, TypeVar
 
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy import ndarray
 
 from localreg.body.subject import Subject
@@ -64,6 +64,10 @@ class Estimator(ABC, Generic[StateT]):
     subject: Subject
     rate: float
 
+    def leave_out(self, allowed: Bool[ndarray, " poses"]) -> "Estimator[StateT]":
+        """The same estimator seeing only the allowed poses of its database, if it has one."""
+        return self
+
     @abstractmethod
     def init(self, frame: TrackerFrame) -> StateT:
         """Find the pose from one frame alone, however far it is from any other."""
@@ -78,3 +82,4 @@ class Estimator(ABC, Generic[StateT]):
 
 
 AnyEstimator = Estimator[Any]
+"""An estimator whose state is nobody else's business."""

@@ -11,6 +11,7 @@ from localreg.database.features import FeatureLayout, database_features
 from localreg.database.neighbours import ExactSearch, Metric, NeighbourSearch, Query
 from localreg.database.store import PoseDatabase
 from localreg.errors import DatabaseError
+from localreg.numerics import host_arrays
 from localreg.synthesis.prior import Examples
 
 
@@ -39,7 +40,7 @@ class ExampleSource:
         rows, squared_distances = self.search.search(query, self.count)
         angles = self.database.angles[rows[:, None] - np.arange(self.history + 1)]
         roots = self.database.roots[rows[:, None] - np.arange(2)]
-        return Examples(angles, roots, self.features[rows], squared_distances)
+        return Examples(*host_arrays(angles, roots, self.features[rows], squared_distances))
 
 
 def example_source(

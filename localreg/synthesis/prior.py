@@ -145,7 +145,7 @@ class LocalRegression(Prior):
         weights = kernel_weights(examples.squared_distances)
         step, step_covariance = self._step(examples, question, weights, state)
         qpos = integrate(jnp.asarray(state.qpos), step)
-        covariance = state.covariance + step_covariance
+        covariance = jnp.asarray(state.covariance) + step_covariance
         surprise = jnp.maximum(
             self.surprise_memory * state.surprise, trackers.surprise(qpos, covariance)
         )
@@ -301,5 +301,7 @@ def _steps(examples: Examples) -> Float[Array, "K 62"]:
 
 def _coasting_root(state: State) -> Float[Array, " 7"]:
     """The root moved on with its last velocity."""
-    turn = rotations.multiply(jnp.asarray(state.qpos[3:7]), rotations.exp(state.velocity[3:]))
+    turn = rotations.multiply(
+        jnp.asarray(state.qpos[3:7]), rotations.exp(jnp.asarray(state.velocity[3:]))
+    )
     return jnp.concatenate([state.qpos[:3] + state.velocity[:3], turn])

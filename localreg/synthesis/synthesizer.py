@@ -17,12 +17,12 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 from numpy import ndarray
 
-from localreg import numerics as numerics
 from localreg.body import rotations
 from localreg.body.kinematics import Kinematics, difference
 from localreg.body.subject import Subject
 from localreg.database.features import FeatureLayout, quaternions_to_matrices
 from localreg.database.neighbours import Query
+from localreg.numerics import host_arrays
 from localreg.synthesis.alignment import align_root, snap_to_reference
 from localreg.synthesis.energy import (
     Observation,
@@ -145,8 +145,8 @@ class Synthesizer(Estimator[State]):
             feature_valid=valid,
         )
         if self.examples is None:
-            return NO_EXAMPLES, Question(*query)
-        return self.examples.find(query), Question(*query)
+            return NO_EXAMPLES, Question(*host_arrays(*query))
+        return self.examples.find(query), Question(*host_arrays(*query))
 
     def _pose(self, time: float, solved: _Solved, result: Result) -> Pose:
         confidence = float("nan")
@@ -165,7 +165,7 @@ class Synthesizer(Estimator[State]):
 
 
 NO_EXAMPLES: Final = Examples(
-    np.zeros((0, 1, 56)), np.zeros((0, 2, 7)), np.zeros((0, 0)), np.zeros(0)
+    *host_arrays(np.zeros((0, 1, 56)), np.zeros((0, 2, 7)), np.zeros((0, 0)), np.zeros(0))
 )
 """What methods without a database are given."""
 
@@ -178,7 +178,7 @@ def _observe(frame: TrackerFrame) -> Observation:
     seen = np.asarray(frame.position_mask) & np.isfinite(positions).all(axis=1)
     turned = np.asarray(frame.orientation_mask) & (np.abs(norms[:, 0] - 1.0) < 0.1)
     safe = np.where(turned[:, None], quaternions / np.where(norms > 0, norms, 1.0), _IDENTITY)
-    return Observation(np.where(seen[:, None], positions, 0.0), safe, seen, turned)
+    return Observation(*host_arrays(np.where(seen[:, None], positions, 0.0), safe, seen, turned))
 
 
 _IDENTITY: Final = np.array([1.0, 0.0, 0.0, 0.0])
