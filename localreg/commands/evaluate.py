@@ -176,11 +176,14 @@ def _print(
         clip_table,
         mean_table,
         timing_table,
+        worse_than_ik,
         worst_table,
     )
 
     console.print(mean_table(evaluation))
     console.print(worst_table(evaluation))
+    for line in worse_than_ik(evaluation):
+        console.print(line)
     console.print(timing_table(evaluation))
     if verbose:
         console.print(clip_table(evaluation))

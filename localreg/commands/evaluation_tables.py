@@ -19,6 +19,7 @@ _TITLES: Final = {
     "foot_skate_cm_s": "foot skate\n[cm/s]",
 }
 _WORST: Final = 3
+_IK: Final = "ik"
 
 
 def mean_table(evaluation: Evaluation) -> Table:
@@ -70,6 +71,28 @@ def timing_table(evaluation: Evaluation) -> Table:
             method, _cell(timing.p50_ms), _cell(timing.p99_ms), _cell(timing.frames_per_s)
         )
     return table
+
+
+def worse_than_ik(evaluation: Evaluation) -> list[str]:
+    """For every method and kind of signals, on which clips inverse kinematics is better."""
+    lines = []
+    for method, kinds in evaluation.means().items():
+        for signals in kinds if method != _IK else ():
+            clips = evaluation.of(method, signals)
+            rivals = {clip.name: clip for clip in evaluation.of(_IK, signals)}
+            worse = [
+                clip.name
+                for clip in clips
+                if clip.name in rivals
+                and _badness(clip.figures) > _badness(rivals[clip.name].figures)
+            ]
+            if rivals:
+                names = f": {', '.join(worse)}" if worse else ""
+                lines.append(
+                    f"{method}, {signals}: joint angles worse than {_IK}'s on "
+                    f"{len(worse)} of {len(clips)} clips{names}"
+                )
+    return lines
 
 
 def _table(*first: str, title: str) -> Table:

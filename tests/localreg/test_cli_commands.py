@@ -125,6 +125,7 @@ def test_evaluate_prints_tables_and_writes_json(
     assert result.exit_code == 0, result.output
     for title in ("Means over 2 clips", "Worst clips", "Timing", "Clips", "(truth)", "[deg]"):
         assert title in result.stdout
+    assert "paper, both: joint angles worse than ik's on 0 of 2 clips" in result.stdout
     document = json.loads(out.read_text())
     assert document["settings"]["seed"] == 7
     assert document["settings"]["start"] == "truth"
