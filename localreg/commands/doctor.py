@@ -9,7 +9,7 @@ import typer
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 
-_PACKAGES: Final = ("jax", "numpy", "scipy", "mujoco", "equinox", "faiss-cpu", "pyserial")
+_PACKAGES: Final = ("jax", "numpy", "scipy", "mujoco", "optimistix", "pyserial")
 _STYLES: Final = {"ok": "green", "note": "yellow", "missing": "red"}
 
 

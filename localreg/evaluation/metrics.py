@@ -11,7 +11,6 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray
-from scipy.spatial.transform import Rotation
 
 from localreg.body.skeleton import BONES
 from localreg.evaluation.body_points import BodyPoints
@@ -35,8 +34,8 @@ class Figures:
         geodesic_error_deg: angle between true and synthesized turn of a bone against its
             parent, mean over the 28 bones that have joints [deg].
         mpjpe_cm: distance of the 31 bone ends in the world [cm].
-        mpjpe_root_aligned_cm: distance of the 30 bone ends other than the root, seen from
-            the root: its position and its whole orientation are taken away [cm].
+        mpjpe_root_aligned_cm: distance of the 30 bone ends other than the root once the roots'
+            positions are laid upon each other; orientation counts, as is usual [cm].
         tracker_error_cm: distance of the synthesized from the noise-free trackers [cm].
         jitter_m_s3: norm of the third derivative of the 31 bone ends [m/s^3].
         foot_skate_cm_s: horizontal speed of synthesized foot ends while the true ones
@@ -104,7 +103,7 @@ def compare(
     trackers = body.tracker_poses(whole).positions + blot[:, None, None]
     tracker_error = np.linalg.norm(trackers - body.tracker_poses(truth.qpos).positions, axis=-1)
     geodesic = geodesic_errors_deg(whole[:, 7:], truth.angles, truth.subject.axis_frames)
-    aligned = _seen_from_root(ends, whole) - _seen_from_root(true_ends, truth.qpos)
+    aligned = (ends - ends[:, :1]) - (true_ends - true_ends[:, :1])
     figures = Figures(
         joint_angle_error_deg=_mean(angle_error[counted]),
         geodesic_error_deg=_mean((geodesic + blot)[counted]),
@@ -209,11 +208,3 @@ def mean_figures(figures: list[Figures]) -> Figures:
 
 def _mean(values: Float[ndarray, "..."]) -> float | None:
     return float(values.mean()) if values.size else None
-
-
-def _seen_from_root(
-    points: Float[ndarray, "frames points 3"], qpos: Float[ndarray, "frames 63"]
-) -> Float[ndarray, "frames points 3"]:
-    """Points in root axes, from the root."""
-    R_world_root = Rotation.from_quat(qpos[:, 3:7], scalar_first=True).as_matrix()
-    return np.einsum("fij,fpi->fpj", R_world_root, points - qpos[:, None, :3])
