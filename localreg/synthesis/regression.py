@@ -16,6 +16,8 @@ from jaxtyping import Array, Float
 from localreg import numerics as numerics
 
 _BISECTIONS = 60  # halves the bracket of an eigenvalue down to double precision
+_NULL = 1e-13  # eigenvalues below this share of the largest are rounding errors
+_LEAST_INPUT = 1e-6  # 1 - |u_y|^2 below which a subspace says nothing about the output
 
 
 class Normal(NamedTuple):
@@ -54,6 +56,8 @@ def weighted_ridge(
 
     on centered inputs, plus the noise of x carried through the regression.
     """
+    # Where no example has any weight, all of them count alike.
+    weights = jnp.where(jnp.any(weights > 0.0), weights, 1.0)
     total = jnp.sum(weights)
     center, mean = weights @ X / total, weights @ Y / total
     X, Y = X - center, Y - mean
@@ -84,8 +88,10 @@ def per_dof_projection(
         The predictions, and the standard deviations of the K training residuals about
         them, both shape (d,). [P], equations of its section on online local models.
     """
-    center, mean = jnp.mean(X, axis=0), jnp.mean(Y, axis=0)
-    X, Y, x = X - center, Y - mean, x - center
+    rank = min(rank, len(X))
+    X, center = _centered(X)
+    Y, mean = _centered(Y)
+    x = x - center
     gram = X @ X.T
     g, V = jnp.linalg.eigh(gram)
     g, V = jnp.maximum(g[::-1], 0.0), V[:, ::-1]  # descending
@@ -95,11 +101,11 @@ def per_dof_projection(
     z = jnp.where(jnp.abs(z) < 1e-10 * scale, 1e-10 * scale, z)
     shift, directions = _secular(g, z, rank)  # (d, r), (d, r, K)
     eigenvalues = g[:rank] + shift
-    inverse_root = 1.0 / jnp.sqrt(jnp.maximum(eigenvalues, 1e-300))
+    inverse_root = _inverse_root(eigenvalues)
     u_y = jnp.einsum("drk,dk->dr", directions, z) * inverse_root
     # |u_y|^2 -> 1: the subspace lies along the output and says nothing about it.
     share = jnp.sum(u_y * u_y, axis=1)
-    gain = u_y / jnp.maximum(1.0 - share, 1e-6)[:, None]
+    gain = u_y / jnp.maximum(1.0 - share, _LEAST_INPUT)[:, None]
     along = jnp.einsum("drk,k->dr", directions, V.T @ (X @ x)) * inverse_root
     fitted = jnp.einsum("drk,dr->dk", directions * g, gain * inverse_root)
     residuals = (z - fitted) ** 2  # V is orthogonal: the norm is that of Y - X alpha
@@ -114,17 +120,34 @@ def joint_projection(
     alpha = U_y (U_x^T U_x)^-1 U_x^T. Returns predictions and the standard deviations of
     the training residuals, both shape (d,).
     """
-    center, mean = jnp.mean(X, axis=0), jnp.mean(Y, axis=0)
-    X, Y, x = X - center, Y - mean, x - center
+    X, center = _centered(X)
+    Y, mean = _centered(Y)
+    x = x - center
     values, V = jnp.linalg.eigh(X @ X.T + Y @ Y.T)
     values, V = values[::-1][:rank], V[:, ::-1][:, :rank]
-    scale = 1.0 / jnp.sqrt(jnp.maximum(values, 1e-300))
+    scale = _inverse_root(values)
     U_x, U_y = X.T @ V * scale, Y.T @ V * scale
-    inner = U_x.T @ U_x + 1e-13 * jnp.eye(rank, dtype=X.dtype)
-    scores = jnp.linalg.solve(inner, U_x.T @ jnp.concatenate([x[:, None], X.T], axis=1))
-    predicted = U_y @ scores
+    inner, Q = jnp.linalg.eigh(U_x.T @ U_x)
+    scores = Q.T @ (U_x.T @ jnp.concatenate([x[:, None], X.T], axis=1))
+    predicted = U_y @ (Q @ (scores / jnp.maximum(inner, _LEAST_INPUT)[:, None]))
     residuals = Y - predicted[:, 1:].T
     return mean + predicted[:, 0], jnp.sqrt(jnp.mean(residuals**2, axis=0))
+
+
+def _centered(A: Float[Array, "K n"]) -> tuple[Float[Array, "K n"], Float[Array, " n"]]:
+    """Rows about their mean, and the mean; a column that never changes is exactly zero.
+
+    Otherwise rounding errors of the mean would be all that is left of equal examples, and
+    would be scaled up to a direction.
+    """
+    center = jnp.mean(A, axis=0)
+    return jnp.where(jnp.ptp(A, axis=0) > 0.0, A - center, 0.0), center
+
+
+def _inverse_root(eigenvalues: Float[Array, "*d r"]) -> Float[Array, "*d r"]:
+    """1 / sqrt of eigenvalues, descending; zero for directions that are not there."""
+    there = eigenvalues > jnp.maximum(_NULL * eigenvalues[..., :1], 1e-200)
+    return jnp.where(there, 1.0 / jnp.sqrt(jnp.where(there, eigenvalues, 1.0)), 0.0)
 
 
 def _secular(
