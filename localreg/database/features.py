@@ -6,6 +6,7 @@ nearest the root, normally the torso's), the direction of gravity in the referen
 tracker's axes, and its height. Global position and heading do not enter.
 """
 
+from collections import Counter
 from dataclasses import dataclass
 from typing import Final
 
@@ -42,12 +43,19 @@ class FeatureLayout:
     @classmethod
     def of(cls, subject: Subject) -> "FeatureLayout":
         """The layout for the trackers that a subject wears."""
-        depth = {"root": 0}
+        depth, parents = {"root": 0}, {bone.name: bone.parent for bone in BONES}
         for bone in BONES:
             depth[bone.name] = depth[bone.parent] + 1
-        depths = [depth[mount.bone] for mount in subject.mounts]
-        reference = int(np.argmin(depths))
-        return cls(reference, tuple(i for i in range(len(depths)) if i != reference))
+        carried = Counter({"root": len(BONES)})
+        for bone in BONES:
+            carrier = bone.parent
+            while carrier != "root":
+                carried[carrier] += 1
+                carrier = parents[carrier]
+        # A tibia is as near the root as the thorax; what carries more bones moves less.
+        ranks = [(depth[mount.bone], -carried[mount.bone]) for mount in subject.mounts]
+        reference = ranks.index(min(ranks))
+        return cls(reference, tuple(i for i in range(len(ranks)) if i != reference))
 
     @property
     def size(self) -> int:
