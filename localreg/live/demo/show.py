@@ -20,6 +20,9 @@ REFRESH = 0.25
 
 _PLAIN_EVERY = 10.0
 
+# Where more frames than this were held, what was followed is told apart from what was not.
+_MANY_HELD = 0.01
+
 
 class ProgressLine:
     """One line on stderr: clip, time, tracker residual, time of a frame.
@@ -114,7 +117,7 @@ def results_table(scored: LiveScore, session: Session, title: str) -> Table:
     add("joint-angle error", figures.joint_angle_error_deg, "{:.2f} deg")
     add("position error (MPJPE)", figures.mpjpe_cm, "{:.2f} cm")
     add("tracker error", figures.tracker_error_cm, "{:.2f} cm")
-    if scored.held.any():
+    if scored.held.mean() > _MANY_HELD:
         tracked = ~scored.held & np.isfinite(scored.mpjpe)
         if tracked.any():
             angle = float(np.degrees(scored.joint_angle_error[tracked].mean()))
