@@ -1,0 +1,67 @@
+"""Problems with known answers: a body in a pose, and what its trackers say of it."""
+
+import jax.numpy as jnp
+import numpy as np
+from numpy import ndarray
+from scipy.spatial.transform import Rotation
+
+from localreg.body.kinematics import Kinematics
+from localreg.body.subject import canonical_subject
+from localreg.evaluation.body_points import BodyPoints
+from localreg.synthesis.energy import Gaussian, Observation, PriorTerm, Term, TrackerTerm
+
+SUBJECT = canonical_subject()
+BODY, KINEMATICS = BodyPoints(SUBJECT), Kinematics.from_subject(SUBJECT)
+UPRIGHT = Rotation.from_quat([0.5**0.5, 0.5**0.5, 0.0, 0.0], scalar_first=True)
+ALL = np.ones(6, dtype=bool)
+NONE = np.zeros(6, dtype=bool)
+
+
+def standing_pose(seed: int, spread: float = 0.3) -> ndarray:
+    """Somewhere, upright within half a radian, any heading, bent joints."""
+    rng = np.random.default_rng(seed)
+    heading = Rotation.from_rotvec([0.0, 0.0, rng.uniform(-np.pi, np.pi)])
+    tilt = Rotation.from_rotvec(0.3 * rng.normal(size=3))
+    root = (heading * tilt * UPRIGHT).as_quat(scalar_first=True)
+    return np.concatenate([rng.normal(size=3), root, spread * rng.normal(size=56)])
+
+
+def observe(
+    qpos: ndarray, position_mask: ndarray = ALL, orientation_mask: ndarray = ALL
+) -> Observation:
+    """What the six trackers say in a pose, without noise; nonsense where masked."""
+    poses = BODY.tracker_poses(np.asarray(qpos, dtype=float)[None])
+    return Observation(
+        jnp.asarray(np.where(position_mask[:, None], poses.positions[0], 0.0)),
+        jnp.asarray(np.where(orientation_mask[:, None], poses.quaternions[0], [1.0, 0, 0, 0])),
+        jnp.asarray(position_mask),
+        jnp.asarray(orientation_mask),
+    )
+
+
+def energy_terms(
+    observation: Observation, mean: ndarray, sigma: float, c: float = 9.0
+) -> tuple[Term, ...]:
+    """Trackers of the default quality, and a prior about a mean."""
+    trackers = TrackerTerm(
+        KINEMATICS,
+        observation,
+        jnp.asarray(0.005),
+        jnp.asarray(np.radians(1.0)),
+        jnp.asarray(float(c)),
+    )
+    prior = PriorTerm(Gaussian.from_deviations(jnp.asarray(mean), jnp.full(56, sigma)))
+    return trackers, prior
+
+
+def turned_about_vertical(qpos: ndarray, angle: float) -> ndarray:
+    """The body turned by an angle about the vertical through its root."""
+    turn = Rotation.from_rotvec([0.0, 0.0, angle])
+    root = turn * Rotation.from_quat(qpos[3:7], scalar_first=True)
+    return np.concatenate([qpos[:3], root.as_quat(scalar_first=True), qpos[7:]])
+
+
+def bone_end_error(one: ndarray, other: ndarray) -> float:
+    """Mean distance of bone ends [m]."""
+    ends = BODY.bone_ends(np.stack([np.asarray(one, dtype=float), np.asarray(other, dtype=float)]))
+    return float(np.linalg.norm(ends[0] - ends[1], axis=1).mean())
