@@ -11,9 +11,9 @@ The estimator never fails, but it can be blind, give up, or be replaced. The rul
   found from this frame alone, as soon as `min_trackers` are measured.
 
 Finding a body solves from many starts, which takes 10 ms on a core of its own and 50 ms on
-a busy one, so it is done by an executor. Frames that come meanwhile show the last good pose in time, and once it is found
-they are caught up with, so that the body is where it would be without haste. After
-`max_waiting` of them the loop waits: better late than a frozen body.
+a busy one, so it is done by an executor. Frames that come meanwhile show the last good pose
+in time, and once it is found they are caught up with, so that the body is where it would be
+without haste. After `max_waiting` of them the loop waits: better late than a frozen body.
 """
 
 from collections.abc import Callable
