@@ -148,35 +148,10 @@ def _options(
 
 def main() -> None:
     """Run the command line."""
-    _keep_compiled_programs()
+    from localreg.compile_cache import keep_compiled_code
+
+    keep_compiled_code()
     app()
-
-
-def _keep_compiled_programs() -> None:
-    """Let JAX keep what it compiles: a method takes 15 s to compile and 3 s to load.
-
-    They are kept apart by kind of processor, for home folders that several machines share.
-    `JAX_COMPILATION_CACHE_DIR` names another place, `JAX_ENABLE_COMPILATION_CACHE=0`
-    forbids it.
-    """
-    import zlib
-    from pathlib import Path
-
-    from platformdirs import user_cache_path
-
-    if "JAX_COMPILATION_CACHE_DIR" in os.environ:
-        return
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="ascii", errors="replace").splitlines()
-        kind = "".join(line for line in lines if line.startswith(("model name", "flags")))
-        folder = user_cache_path("localreg") / f"compiled-{zlib.crc32(kind.encode()):08x}"
-        folder.mkdir(parents=True, exist_ok=True)
-        writable = os.access(folder, os.W_OK)
-    except OSError:
-        return
-    if writable:
-        os.environ["JAX_COMPILATION_CACHE_DIR"] = str(folder)
-        os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
 
 
 def _commands() -> dict[str, Command]:

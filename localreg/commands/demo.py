@@ -59,7 +59,6 @@ def demo(
 
     from localreg.errors import LocalregError
     from localreg.evaluation.results import write_json
-    from localreg.live.compile_cache import keep_compiled_code
     from localreg.live.demo.run import PICTURE, DemoConfig, run_demo
     from localreg.live.demo.show import results_table
     from localreg.motion.sources import read_sources
@@ -79,7 +78,6 @@ def demo(
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise LocalregError(f"cannot make the folder {out}: {reason}; give another --out") from None
-    keep_compiled_code()
     with says.status("reading the sample set"):
         motions, _ = read_sources(["sample"])
     run = run_demo(motions, config, out, says)

@@ -3,12 +3,12 @@ import subprocess
 import sys
 from pathlib import Path
 
-from localreg.live.compile_cache import keep_compiled_code
+from localreg.compile_cache import keep_compiled_code
 
 PROGRAM = """
 import sys
 from pathlib import Path
-from localreg.live.compile_cache import keep_compiled_code
+from localreg.compile_cache import keep_compiled_code
 keep_compiled_code(Path(sys.argv[1]))
 from localreg.numerics import jax
 import jax.numpy as jnp
@@ -46,3 +46,4 @@ def test_a_folder_that_cannot_be_made_is_no_error(tmp_path, monkeypatch):
     monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR", raising=False)
     (tmp_path / "file").touch()
     keep_compiled_code(tmp_path / "file" / "kept")
+    assert "JAX_COMPILATION_CACHE_DIR" not in os.environ
