@@ -30,6 +30,7 @@ from localreg.synthesis.regression import (
     kernel_weights,
     per_dof_projection,
     weighted_ridge,
+    within_reach,
 )
 from localreg.synthesis.state import State
 
@@ -175,7 +176,7 @@ class LocalRegression(Prior):
             return (jnp.concatenate([flat, features], axis=-1) * known) @ self.basis
 
         X = inputs(examples.angles[:, 1:], examples.features)
-        x = inputs(question.history, question.features)
+        x = within_reach(X, weights, inputs(question.history, question.features))
         mean, covariance = weighted_ridge(X, examples.angles[:, 0], weights, x, self.ridge)
         return Normal(mean, covariance + self.floor**2 * jnp.eye(DOF_COUNT))
 
@@ -188,6 +189,7 @@ class LocalRegression(Prior):
             (past * known) @ self.step_basis,
             (question.history.ravel() * known) @ self.step_basis,
         )
+        x = within_reach(X, weights, x)
         mean, covariance = weighted_ridge(X, _steps(examples), weights, x, self.step_ridge)
         # Root translation was regressed in the root's own axes; the tangent has the world's.
         turn = rotations.to_matrix(jnp.asarray(state.qpos[3:7]))

@@ -38,6 +38,22 @@ def kernel_weights(squared_distances: Float[Array, " K"]) -> Float[Array, " K"]:
     return jnp.where(finite, jnp.square(1.0 - share), 0.0)
 
 
+def within_reach(
+    X: Float[Array, "K n"], weights: Float[Array, " K"], x: Float[Array, " n"]
+) -> Float[Array, " n"]:
+    """The input, held near those of the examples that count; in units of its noise.
+
+    A local regression has nothing to say far from its examples: a tracker that jumped by
+    5 m bent the prediction by radians, and the body followed it 60 cm. Held within the
+    examples' range, a quarter of it and three deviations, 3 cm.
+    """
+    counts = (weights > 0.0)[:, None]
+    low = jnp.min(jnp.where(counts, X, jnp.inf), axis=0)
+    high = jnp.max(jnp.where(counts, X, -jnp.inf), axis=0)
+    margin = 0.25 * (high - low) + 3.0
+    return jnp.where(jnp.any(counts), jnp.clip(x, low - margin, high + margin), x)
+
+
 def weighted_ridge(
     X: Float[Array, "K n"],
     Y: Float[Array, "K d"],

@@ -43,6 +43,9 @@ from sensors.pose import TrackerFrame
 LOST_AFTER: Final = 4
 """Frames in a row far from most trackers after which the pose is sought anew."""
 
+_ROOM: Final = 1000.0
+"""No tracker is farther than this from the origin, or its position is nonsense [m]."""
+
 _FAR: Final = 40.0
 """Median squared distance to the trackers, in units of their sigmas, that counts as far:
 3 cm or 6 degrees where 0.5 cm and 1 degree are expected."""
@@ -171,11 +174,13 @@ NO_EXAMPLES: Final = Examples(
 
 
 def _observe(frame: TrackerFrame) -> Observation:
-    """A frame's arrays; what is not finite, or no rotation, counts as not measured."""
+    """A frame's arrays; what cannot be a position, or a rotation, counts as not measured."""
     positions = np.asarray(frame.positions, dtype=float)
     quaternions = np.asarray(frame.quaternions, dtype=float)
+    unit = (np.abs(quaternions) < 2.0).all(axis=1, keepdims=True)  # NaN is not
+    quaternions = np.where(unit, quaternions, 0.0)
     norms = np.linalg.norm(quaternions, axis=1, keepdims=True)
-    seen = np.asarray(frame.position_mask) & np.isfinite(positions).all(axis=1)
+    seen = np.asarray(frame.position_mask) & (np.abs(positions) < _ROOM).all(axis=1)
     turned = np.asarray(frame.orientation_mask) & (np.abs(norms[:, 0] - 1.0) < 0.1)
     safe = np.where(turned[:, None], quaternions / np.where(norms > 0, norms, 1.0), _IDENTITY)
     return Observation(*host_arrays(np.where(seen[:, None], positions, 0.0), safe, seen, turned))
@@ -208,6 +213,7 @@ def _step(
     snapped = snap_to_reference(kinematics, prediction.qpos, observation, reference)
     better = energy(terms, snapped) < energy(terms, prediction.qpos)
     start = jnp.where(better, snapped, prediction.qpos)
+    start = jnp.where(jnp.all(jnp.isfinite(start)), start, jnp.asarray(state.qpos))
     solution = LevenbergMarquardt().solve(terms, start, settings.max_steps)
     velocity = difference(jnp.asarray(state.qpos), solution.qpos)[:6]
     history, valid = remember(
@@ -283,9 +289,13 @@ def _solved(
     )
     far = jnp.nan_to_num(jnp.nanmedian(squared**2)) > _FAR
     poses = trackers.kinematics.tracker_poses(solution.qpos)
+    # A belief that is not finite is forgotten, or no later frame could be solved either.
+    covariance = jnp.where(jnp.all(jnp.isfinite(covariance)), covariance, jnp.eye(len(covariance)))
+    surprise = jnp.asarray(state.surprise)
     state = state._replace(
         qpos=solution.qpos,
         covariance=0.5 * (covariance + covariance.T),
+        surprise=jnp.where(jnp.isfinite(surprise), surprise, 1.0),
         reference=rotations.to_matrix(poses.quaternions[reference]),
     )
     sigma = jnp.sqrt(jnp.diagonal(covariance)[6:])
