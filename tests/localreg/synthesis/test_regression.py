@@ -13,6 +13,7 @@ from localreg.synthesis.regression import (
     kernel_weights,
     per_dof_projection,
     weighted_ridge,
+    within_reach,
 )
 
 per_dof = partial(jax.jit, static_argnums=3)(per_dof_projection)
@@ -254,3 +255,16 @@ def test_hopeless_distances_lead_to_no_nan(hopeless):
     mean, covariance = ridge_fit(X, Y, weights, x, 3.0)
     assert np.all(np.isfinite(mean))
     assert np.all(np.linalg.eigvalsh(covariance) >= 0.0)
+
+
+def test_an_input_is_held_near_the_examples_that_count():
+    """Within their range, a quarter of it and three deviations; inside it stays as it is."""
+    X = jnp.array([[0.0, 1.0], [8.0, 1.0], [1e6, -1e6]])
+    weights = jnp.array([1.0, 0.5, 0.0])
+    for x, expected in [
+        ([4.0, 1.5], [4.0, 1.5]), ([12.9, 4.0], [12.9, 4.0]), ([1e9, -1e9], [13.0, -2.0]),
+        ([-1e9, 1e9], [-5.0, 4.0]),
+    ]:  # fmt: skip
+        np.testing.assert_allclose(within_reach(X, weights, jnp.array(x)), expected)
+    x = jnp.array([3.0, 5.0])
+    np.testing.assert_array_equal(within_reach(X, jnp.zeros(3), x), x)
