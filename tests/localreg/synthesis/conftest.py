@@ -30,7 +30,7 @@ def compiled_code(request: pytest.FixtureRequest) -> Iterator[None]:
     cache = request.config.cache
     if cache is not None and before[0] is None:
         jax.config.update("jax_compilation_cache_dir", str(cache.mkdir("compiled")))
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 1.0)
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
     yield
     jax.config.update("jax_compilation_cache_dir", before[0])
     jax.config.update("jax_persistent_cache_min_compile_time_secs", before[1])
