@@ -8,7 +8,7 @@ compiled function of fixed shapes, traced once for all subjects and sessions.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import Final, NamedTuple
 
 import jax
@@ -120,7 +120,7 @@ class Synthesizer(Estimator[State]):
         state = solved.state._replace(lost=lost)
         return state, self._pose(frame.time, solved, result)
 
-    @property
+    @cached_property
     def _layout(self) -> FeatureLayout:
         return FeatureLayout.of(self.subject)
 
