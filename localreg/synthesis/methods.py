@@ -13,6 +13,7 @@ from localreg.database.features import FeatureLayout
 from localreg.database.neighbours import Metric
 from localreg.database.store import DEFAULT_RATE, PoseDatabase
 from localreg.errors import SynthesisError
+from localreg.synthesis.baselines import LocalSubspace, PrincipalRegression
 from localreg.synthesis.examples import ExampleSource, example_source, features_for
 from localreg.synthesis.prior import (
     InverseKinematics,
@@ -92,6 +93,21 @@ def _database_prior(settings: Settings, layout: FeatureLayout, source: ExampleSo
             rank=settings.rank,
             joint=settings.prior == "joint",
             floor=jnp.asarray(settings.floor),
+            root_position=jnp.asarray(settings.root_position),
+            root_orientation=jnp.asarray(settings.root_orientation),
+        )
+    if settings.prior == "lpcr":
+        return PrincipalRegression(
+            rank=settings.rank,
+            floor=jnp.asarray(settings.floor),
+            root_position=jnp.asarray(settings.root_position),
+            root_orientation=jnp.asarray(settings.root_orientation),
+        )
+    if settings.prior == "lpca":
+        return LocalSubspace(
+            rank=settings.rank,
+            floor=jnp.asarray(settings.floor),
+            smoothness=jnp.asarray(settings.smoothness),
             root_position=jnp.asarray(settings.root_position),
             root_orientation=jnp.asarray(settings.root_orientation),
         )

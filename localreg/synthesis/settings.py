@@ -17,8 +17,8 @@ class Settings:
 
     Attributes:
         prior: `"localreg"` (the best known here), `"paper"` (the published method),
-            `"joint"` (its variant with one decomposition for all outputs) or `"ik"`
-            (no database).
+            `"joint"` (its variant with one decomposition for all outputs), `"lpcr"` and
+            `"lpca"` (earlier published ones, see `baselines`) or `"ik"` (no database).
         neighbours: K, the examples of every frame.
         history: m, the past poses that a window holds.
         sigma_position: what a tracker's position is believed to be off by [m].
@@ -26,7 +26,7 @@ class Settings:
         lorentzian: c of the Lorentzian; larger is closer to plain squares.
         max_steps: cap of solver steps a frame.
         max_steps_acquire: cap where the pose is found from nothing.
-        rank: r of the input-output projection (paper, joint).
+        rank: r, the principal directions kept (paper, joint, lpcr, lpca).
         floor: least standard deviation of a predicted joint angle [rad].
         ridge: multiple of the noise-derived ridge of the pose regression.
         components: principal directions that regression inputs are reduced to.
@@ -52,6 +52,7 @@ class Settings:
         root_orientation: the same [rad].
         previous_pose: pull to the previous pose (ik) [rad].
         limit_softness: how far beyond a joint's range is one standard deviation (ik) [rad].
+        smoothness: deviation of joint angles from constant velocity (lpca) [rad].
     """
 
     prior: str = "localreg"
@@ -84,6 +85,7 @@ class Settings:
     root_orientation: float = 0.3
     previous_pose: float = radians(6.0)
     limit_softness: float = radians(3.0)
+    smoothness: float = radians(3.0)
 
     def __post_init__(self) -> None:
         if self.prior not in PRIORS:
@@ -96,7 +98,7 @@ class Settings:
             )
 
 
-PRIORS: Final = ("localreg", "paper", "joint", "ik")
+PRIORS: Final = ("localreg", "paper", "joint", "ik", "lpcr", "lpca")
 """Names of the priors."""
 
 METHODS: Final[dict[str, Settings]] = {
@@ -109,6 +111,10 @@ METHODS: Final[dict[str, Settings]] = {
     "joint": replace(
         Settings(), prior="joint", neighbours=40, floor=radians(3.0), search_by_trackers=False
     ),
+    "lpcr": replace(
+        Settings(), prior="lpcr", neighbours=40, floor=radians(3.0), search_by_trackers=False
+    ),
+    "lpca": replace(Settings(), prior="lpca", neighbours=40, rank=20, floor=radians(2.0)),
     "ik": replace(Settings(), prior="ik", neighbours=0),
 }
 """The settings of every method that can be asked for by name."""

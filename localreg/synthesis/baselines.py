@@ -1,0 +1,156 @@
+"""The published rivals as priors over shared parts: LPCA and LPCR.
+
+[CH05] Chai and Hodgins 2005, "Performance animation from low-dimensional control signals":
+local principal component analysis of poses. [L11] Liu et al. 2011, "Realtime human motion
+control with a small number of inertial sensors": local principal component regression. Both
+get the trackers, the noise model, the search, the solver and the starts of every other
+method; what is theirs is below. (`paper`, `joint` and `ik` are in `prior.py`.)
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from localreg.body.kinematics import integrate
+from localreg.body.skeleton import DOF_COUNT
+from localreg.synthesis.energy import Gaussian, PriorTerm, RootTerm, TrackerTerm
+from localreg.synthesis.prior import Acquisition, Examples, Prediction, Prior, Question
+from localreg.synthesis.regression import Normal
+from localreg.synthesis.state import State
+
+_NULL = 1e-13  # eigenvalues below this share of the largest are rounding errors ...
+_STILL = 1e-20  # ... and so are all below this [rad^2]
+_STARTS = 8
+
+
+def principal_subspace(poses: Float[Array, "K d"], rank: int, floor: Float[Array, ""]) -> Normal:
+    """The Gaussian whose logarithm is the prior energy of [CH05].
+
+    With U the leading principal directions of the poses and L their variances the energy of
+    a pose q = mean + U w + rest is w^T L^-1 w + |rest|^2 / floor^2: coefficients weighted by
+    their variances, plus the distance from the subspace. That is one Gaussian with
+    covariance U L U^T + floor^2 (I - U U^T), known as probabilistic principal component
+    analysis (Tipping and Bishop 1999). No variance counts as less than floor^2, or examples
+    that nearly agree would outvote the trackers.
+    """
+    mean = jnp.mean(poses, axis=0)
+    rows = poses - mean
+    values, vectors = jnp.linalg.eigh(rows.T @ rows / len(poses))
+    values, vectors = values[::-1][:rank], vectors[:, ::-1][:, :rank]
+    beyond = jnp.maximum(values - floor**2, 0.0)
+    identity = jnp.eye(len(mean), dtype=poses.dtype)
+    return Normal(mean, (vectors * beyond) @ vectors.T + floor**2 * identity)
+
+
+def principal_component_regression(
+    X: Float[Array, "K n"], Y: Float[Array, "K d"], x: Float[Array, " n"], rank: int
+) -> tuple[Float[Array, " d"], Float[Array, " d"]]:
+    """The regression of [L11]: PCA of the inputs alone, then least squares on the scores.
+
+    With the left singular vectors V of the centered X the fitted outputs are V V^T Y; the
+    scores of x are V^T X x / g over the eigenvalues g of X X^T, so nothing n x n is formed.
+
+    Returns:
+        The predictions, and the standard deviations of the K training residuals.
+    """
+    center, mean = jnp.mean(X, axis=0), jnp.mean(Y, axis=0)
+    X, Y = X - center, Y - mean
+    g, V = jnp.linalg.eigh(X @ X.T)
+    g, V = g[::-1][:rank], V[:, ::-1][:, :rank]
+    # Directions without variance are neither fitted nor asked.
+    there = g > jnp.maximum(_NULL * g[0], _STILL)
+    V = jnp.where(there, V, 0.0)
+    slopes = V.T @ Y
+    scores = (V.T @ (X @ (x - center))) / jnp.where(there, g, 1.0)
+    return mean + scores @ slopes, jnp.sqrt(jnp.mean((Y - V @ slopes) ** 2, axis=0))
+
+
+class LocalSubspace(Prior):
+    """LPCA [CH05]: a local subspace of poses, and smoothness.
+
+    Attributes:
+        rank: principal directions kept.
+        floor: least deviation in the subspace, and deviation from it [rad].
+        smoothness: deviation of q_t - 2 q_(t-1) + q_(t-2) [rad].
+        root_position: deviation of the root from constant velocity [m].
+        root_orientation: the same [rad].
+    """
+
+    rank: int = eqx.field(static=True)
+    floor: Float[Array, ""]
+    smoothness: Float[Array, ""]
+    root_position: Float[Array, ""]
+    root_orientation: Float[Array, ""]
+
+    def predict(
+        self, examples: Examples, question: Question, state: State, trackers: TrackerTerm
+    ) -> Prediction:
+        """The subspace of the neighbours, pulled towards where the last two poses lead."""
+        subspace = principal_subspace(examples.angles[:, 0], self.rank, self.floor)
+        now, before = question.history[0], question.history[1]
+        # With one pose known there is no velocity yet, with none nothing to be smooth with.
+        coasting = jnp.where(question.history_valid[1], 2.0 * now - before, now)
+        slack = jnp.where(question.history_valid[0], self.smoothness, 1e3)
+        qpos = jnp.concatenate([_coasting_root(state), subspace.mean])
+        terms = (
+            PriorTerm(Gaussian.from_covariance(*subspace)),
+            PriorTerm(Gaussian.from_deviations(coasting, jnp.full(DOF_COUNT, slack))),
+            RootTerm(qpos, self.root_position, self.root_orientation),
+        )
+        return Prediction(qpos, terms, jnp.ones(()))
+
+    def acquire(self, examples: Examples, question: Question) -> Acquisition:
+        """The subspace of the examples found by the trackers."""
+        return _pose_statistics(examples, self.floor)
+
+
+class PrincipalRegression(Prior):
+    """LPCR [L11]: principal component regression on the past poses.
+
+    Attributes:
+        rank: principal directions of the inputs.
+        floor: least standard deviation of a predicted joint angle [rad].
+        root_position: deviation of the root from constant velocity [m].
+        root_orientation: the same [rad].
+    """
+
+    rank: int = eqx.field(static=True)
+    floor: Float[Array, ""]
+    root_position: Float[Array, ""]
+    root_orientation: Float[Array, ""]
+
+    def predict(
+        self, examples: Examples, question: Question, state: State, trackers: TrackerTerm
+    ) -> Prediction:
+        """The regression's prediction with the residual of its training examples."""
+        valid = jnp.repeat(question.history_valid, DOF_COUNT)
+        X = examples.angles[:, 1:].reshape(len(examples.angles), -1) * valid
+        mean, sigma = principal_component_regression(
+            X, examples.angles[:, 0], question.history.ravel() * valid, self.rank
+        )
+        qpos = jnp.concatenate([_coasting_root(state), mean])
+        terms = (
+            PriorTerm(Gaussian.from_deviations(mean, jnp.maximum(sigma, self.floor))),
+            RootTerm(qpos, self.root_position, self.root_orientation),
+        )
+        return Prediction(qpos, terms, jnp.ones(()))
+
+    def acquire(self, examples: Examples, question: Question) -> Acquisition:
+        """Mean and deviation of the examples found by the trackers."""
+        return _pose_statistics(examples, self.floor)
+
+
+def _pose_statistics(examples: Examples, floor: Float[Array, ""]) -> Acquisition:
+    """Mean and deviation of the examples; starts are the mean and, near to far, examples."""
+    poses = examples.angles[:, 0]
+    mean = jnp.mean(poses, axis=0)
+    sigma = jnp.maximum(jnp.std(poses, axis=0), floor)
+    stride = max(1, len(poses) // (_STARTS - 1))
+    starts = jnp.concatenate([mean[None], poses[::stride][: _STARTS - 1]])
+    return Acquisition(starts, Gaussian.from_deviations(mean, sigma))
+
+
+def _coasting_root(state: State) -> Float[Array, " 7"]:
+    """The root moved on with its last velocity."""
+    step = jnp.concatenate([jnp.asarray(state.velocity), jnp.zeros(DOF_COUNT)])
+    return integrate(jnp.asarray(state.qpos), step)[:7]
