@@ -5,10 +5,9 @@ the tracker and the kind of disturbance. So a clip sees the same noise whatever 
 trackers, signals or methods are evaluated, and the first N frames are those of the whole.
 """
 
-import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -16,7 +15,15 @@ from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
 from localreg.errors import SynthesisError
-from localreg.evaluation.body_points import BodyPoints
+from localreg.evaluation.body_points import BodyPoints, TrackerPoses
+from localreg.evaluation.disturbances import (
+    Streams,
+    measured_early_or_late,
+    outliers,
+    presence,
+    sensor_noise,
+    slips,
+)
 from localreg.motion.motion import Motion
 from sensors.pose import TrackerFrame
 
@@ -24,7 +31,21 @@ SIGNALS: Final = ("both", "position", "orientation")
 """What the trackers measure: their whole pose, or one half of it."""
 
 MEAN_GAP: Final = 0.2
-"""How long a tracker that drops out stays away on average [s]."""
+"""How long a tracker that drops out stays away on average, unless told otherwise [s]."""
+
+
+class Loss(NamedTuple):
+    """A tracker that is away for once, at a time that is known.
+
+    Attributes:
+        tracker: its name.
+        begin: when it goes, from the start of the clip [s].
+        seconds: how long it stays away [s].
+    """
+
+    tracker: str
+    begin: float
+    seconds: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,8 +60,15 @@ class TrackerQuality:
         outliers: probability that a tracker reports nonsense in a frame.
         outlier_position: how far off the position is then, in any direction [m].
         outlier_orientation: how far off the orientation is then, about any axis [rad].
-        dropout: share of the time that each tracker is away, in gaps of `MEAN_GAP` on
-            average; nobody is away in the first frame.
+        dropout: share of the time that each tracker is away; nobody is away in the
+            first frame.
+        dropout_seconds: how long a tracker that drops out stays away on average [s].
+        slip_position: how far a tracker slides on its bone, once, in any direction [m];
+            after `SLIP_AFTER` on average, each tracker at an instant of its own.
+        slip_orientation: how far it turns then, about any axis [rad].
+        time_jitter: standard deviation of the instants at which trackers really measure,
+            about those of the frames, in each frame anew [s].
+        losses: trackers that are away at known times.
 
     Raises:
         SynthesisError: a number that cannot be.
@@ -53,20 +81,34 @@ class TrackerQuality:
     outlier_position: float = 0.3
     outlier_orientation: float = float(np.radians(60.0))
     dropout: float = 0.0
+    dropout_seconds: float = MEAN_GAP
+    slip_position: float = 0.0
+    slip_orientation: float = 0.0
+    time_jitter: float = 0.0
+    losses: tuple[Loss, ...] = ()
 
     def __post_init__(self) -> None:
         if self.signals not in SIGNALS:
             raise SynthesisError(
                 f"trackers cannot measure {self.signals!r}; choose one of {', '.join(SIGNALS)}"
             )
-        for name in ("noise_position", "noise_orientation"):
+        for name in ("noise_position", "noise_orientation", "time_jitter"):
             value = getattr(self, name)
             if not 0.0 <= value < np.inf:
                 raise SynthesisError(f"{name} is {value}; give a standard deviation of 0 or more")
+        for name in _SIZES:
+            value = getattr(self, name)
+            if not 0.0 <= value < np.inf:
+                raise SynthesisError(f"{name} is {value}; give a size of 0 or more")
         if not 0.0 <= self.outliers <= 1.0:
             raise SynthesisError(f"outliers are {self.outliers}; give a probability from 0 to 1")
         if not 0.0 <= self.dropout < 1.0:
             raise SynthesisError(f"dropout is {self.dropout}; give a share of 0 or more, below 1")
+        if not 0.0 < self.dropout_seconds < np.inf:
+            raise SynthesisError(f"gaps last {self.dropout_seconds} s; give more than 0")
+
+
+_SIZES: Final = ("outlier_position", "outlier_orientation", "slip_position", "slip_orientation")
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,12 +170,10 @@ def simulate_trackers(
     positions, quaternions = truth.positions.copy(), truth.quaternions.copy()
     present = np.ones(positions.shape[:2], dtype=bool)
     for index, tracker in enumerate(motion.subject.trackers):
-        streams = _Streams(seed, motion.provenance.name, tracker)
-        shift, turn = _disturbances(quality, streams, len(motion))
-        positions[:, index] += shift
-        turned = Rotation.from_quat(quaternions[:, index], scalar_first=True) * turn
-        quaternions[:, index] = turned.as_quat(canonical=True, scalar_first=True)
-        present[:, index] = _present(quality.dropout, streams, len(motion), motion.rate)
+        streams = Streams(seed, motion.provenance.name, tracker)
+        true = TrackerPoses(truth.positions[:, index, None], truth.quaternions[:, index, None])
+        positions[:, index], quaternions[:, index] = _reported(true, quality, streams, motion.rate)
+        present[:, index] = _is_there(quality, tracker, streams, len(motion), motion.rate)
     position_mask = present & (quality.signals != "orientation")
     orientation_mask = present & (quality.signals != "position")
     # What was not measured must not help anybody: no trace of the truth is left in it.
@@ -150,53 +190,37 @@ def simulate_trackers(
     )
 
 
-class _Streams:
-    """The random streams of one tracker in one clip."""
-
-    def __init__(self, seed: int, clip: str, tracker: str) -> None:
-        # crc32, because hash() of a string differs from process to process.
-        self._key = (seed, zlib.crc32(clip.encode()), zlib.crc32(tracker.encode()))
-
-    def stream(self, kind: str) -> np.random.Generator:
-        return np.random.default_rng((*self._key, zlib.crc32(kind.encode())))
-
-
-def _disturbances(
-    quality: TrackerQuality, streams: _Streams, frames: int
-) -> tuple[Float[ndarray, "frames 3"], Rotation]:
-    """What is added to the position [m], and the turn in the tracker's own frame."""
-    shape = (frames, 3)
-    shift = quality.noise_position * streams.stream("position").standard_normal(shape)
-    noise = quality.noise_orientation * streams.stream("orientation").standard_normal(shape)
-    turn = Rotation.from_rotvec(noise)
+def _reported(
+    true: TrackerPoses, quality: TrackerQuality, streams: Streams, rate: float
+) -> tuple[Float[ndarray, "frames 3"], Float[ndarray, "frames 4"]]:
+    """What one tracker reports, present or not; disturbances in the order of their causes."""
+    position = true.positions[:, 0]
+    rotation = Rotation.from_quat(true.quaternions[:, 0], scalar_first=True)
+    frames = len(position)
+    if quality.time_jitter > 0.0:
+        position, rotation = measured_early_or_late(
+            position, rotation, quality.time_jitter * rate, streams
+        )
+    if quality.slip_position > 0.0 or quality.slip_orientation > 0.0:
+        shift, turn = slips(quality.slip_position, quality.slip_orientation, streams, frames, rate)
+        # It slides on the bone: the shift turns with the body.
+        position, rotation = position + rotation.apply(shift), rotation * turn
+    shift, turn = sensor_noise(quality.noise_position, quality.noise_orientation, streams, frames)
+    position, rotation = position + shift, rotation * turn
     if quality.outliers > 0.0:
-        is_outlier = streams.stream("outlier").random(frames) < quality.outliers
-        directions = _directions(streams.stream("outlier position"), frames)
-        shift = shift + quality.outlier_position * is_outlier[:, None] * directions
-        axes = _directions(streams.stream("outlier orientation"), frames)
-        turn = turn * Rotation.from_rotvec(quality.outlier_orientation * is_outlier[:, None] * axes)
-    return shift, turn
+        shift, turn = outliers(
+            quality.outliers, quality.outlier_position, quality.outlier_orientation, streams, frames
+        )
+        position, rotation = position + shift, rotation * turn
+    return position, rotation.as_quat(canonical=True, scalar_first=True)
 
 
-def _directions(stream: np.random.Generator, count: int) -> Float[ndarray, "count 3"]:
-    vectors = stream.standard_normal((count, 3))
-    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
-
-
-def _present(
-    dropout: float, streams: _Streams, frames: int, rate: float
+def _is_there(
+    quality: TrackerQuality, tracker: str, streams: Streams, frames: int, rate: float
 ) -> Bool[ndarray, " frames"]:
-    """Where a tracker is there: a Markov chain, so that gaps last as real ones do."""
-    present = np.ones(frames, dtype=bool)
-    if dropout <= 0.0:
-        return present
-    chance = streams.stream("dropout").random(frames)
-    # With mean gap g and mean presence g (1 - d) / d the share of time away is d. Where
-    # even gaps a frame apart do not reach d, longer gaps do.
-    presence = max(MEAN_GAP * rate * (1.0 - dropout) / dropout, 1.0)
-    gap = max(presence * dropout / (1.0 - dropout), 1.0)
-    presence = gap * (1.0 - dropout) / dropout
-    for frame in range(1, frames):
-        leaves = 1.0 / presence if present[frame - 1] else 1.0 - 1.0 / gap
-        present[frame] = chance[frame] >= leaves
+    present = presence(quality.dropout, quality.dropout_seconds * rate, streams, frames)
+    for loss in quality.losses:
+        if loss.tracker == tracker:
+            begin = round(loss.begin * rate)
+            present[begin : begin + round(loss.seconds * rate)] = False
     return present

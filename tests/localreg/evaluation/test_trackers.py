@@ -10,6 +10,7 @@ from localreg.body.kinematics import Kinematics, tracker_poses_batch
 from localreg.errors import SynthesisError
 from localreg.evaluation.trackers import (
     MEAN_GAP,
+    Loss,
     SimulatedTrackers,
     TrackerQuality,
     simulate_trackers,
@@ -151,8 +152,66 @@ def test_frames_are_what_estimators_are_given(trackers: SimulatedTrackers) -> No
         ({"noise_orientation": float("nan")}, "noise_orientation is nan"),
         ({"outliers": 1.5}, "from 0 to 1"),
         ({"dropout": 1.0}, "below 1"),
+        ({"dropout_seconds": 0.0}, "gaps last 0.0 s; give more than 0"),
+        ({"time_jitter": -1.0}, "time_jitter is -1.0"),
+        ({"slip_position": float("inf")}, "slip_position is inf; give a size of 0 or more"),
     ],
 )
 def test_impossible_qualities_are_refused(wrong: dict, message: str) -> None:
     with pytest.raises(SynthesisError, match=message):
         TrackerQuality(**wrong)
+
+
+def test_gaps_last_as_long_as_is_said(motion: Motion) -> None:
+    quality = TrackerQuality(dropout=0.3, dropout_seconds=1.0)
+    away = ~simulate_trackers(motion, quality).position_mask
+    begins = (away[1:] & ~away[:-1]).sum()
+    assert away.sum() / begins / motion.rate == pytest.approx(1.0, rel=0.3)
+
+
+def test_a_loss_is_where_and_when_it_is_said(motion: Motion, trackers: SimulatedTrackers) -> None:
+    quality = TrackerQuality(losses=(Loss("rhand", 1.5, 0.5), Loss("head", 3.0, 1.0)))
+    seen = simulate_trackers(motion, quality)
+    names = motion.subject.trackers
+    expected = np.ones_like(seen.position_mask)
+    expected[60:80, names.index("rhand")] = False
+    expected[120:160, names.index("head")] = False
+    np.testing.assert_array_equal(seen.position_mask, expected)
+    np.testing.assert_array_equal(seen.orientation_mask, expected)
+    assert (seen.positions[~expected] == 0.0).all()
+    np.testing.assert_array_equal(seen.positions[expected], trackers.positions[expected])
+
+
+def test_a_tracker_that_slips_stays_where_it_slid_on_the_bone(
+    motion: Motion, trackers: SimulatedTrackers
+) -> None:
+    quality = TrackerQuality(
+        noise_position=0.0, noise_orientation=0.0, slip_position=0.05, slip_orientation=0.3
+    )
+    slipped = simulate_trackers(motion, quality)
+    true = Rotation.from_quat(slipped.true_quaternions.reshape(-1, 4), scalar_first=True)
+    moved = (slipped.positions - slipped.true_positions).reshape(-1, 3)
+    in_own_axes = true.inv().apply(moved).reshape(*slipped.positions.shape)
+    turned = turns(slipped)
+    for tracker in range(6):
+        size = np.linalg.norm(in_own_axes[:, tracker], axis=1)
+        first = int(np.argmax(size > 1e-9))
+        assert 0 < first < 800
+        assert (size[:first] < 1e-9).all()
+        np.testing.assert_allclose(size[first:], 0.05, atol=1e-9)
+        np.testing.assert_allclose(
+            in_own_axes[first:, tracker] - in_own_axes[first, tracker], 0.0, atol=1e-9
+        )
+        np.testing.assert_allclose(np.linalg.norm(turned[first:, tracker], axis=1), 0.3, atol=1e-6)
+    assert len({int(np.argmax(np.any(in_own_axes[:, t] > 1e-9, axis=1))) for t in range(6)}) > 3
+
+
+def test_samples_at_other_instants_are_off_by_speed_times_time(motion: Motion) -> None:
+    exact = {"noise_position": 0.0, "noise_orientation": 0.0}
+    late = simulate_trackers(motion, TrackerQuality(time_jitter=0.005, **exact))
+    moved = np.linalg.norm(late.positions - late.true_positions, axis=-1)[1:-1]
+    speed = np.linalg.norm(np.gradient(late.true_positions, axis=0) * motion.rate, axis=-1)[1:-1]
+    # E|N(0, 1)| = 0.798.
+    assert moved.mean() == pytest.approx(0.798 * 0.005 * speed.mean(), rel=0.1)
+    assert np.linalg.norm(turns(late), axis=-1).max() > 1e-3
+    np.testing.assert_allclose(np.linalg.norm(late.quaternions, axis=-1), 1.0, atol=1e-9)
