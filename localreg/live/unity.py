@@ -1,0 +1,157 @@
+"""A pose as Unity's humanoid has it: left-handed, y up, bones turned against a T-pose.
+
+Three conversions, in this order:
+
+1. *World.* Ours is right-handed and z up, and a person upright with the canonical heading
+   faces -y. In y-up axes (x, z, -y) the same person faces +z, as Unity's humanoids do.
+2. *T-pose.* Unity counts a bone's rotation from the pose with arms level and legs straight
+   down; our rest pose spreads the legs by 20 degrees. With T_bone the turn that brings a
+   bone from the rest pose into the T-pose, R_unity = R_world T_bone^-1.
+3. *Handedness.* Unity's x points to the right, ours to the left. Reflecting x with
+   M = diag(-1, 1, 1) takes R to M R M, whose quaternion is (w, x, -y, -z).
+
+Bone names: Unity's HumanBodyBones enumeration. Wire format: x y z w.
+"""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from localreg.body.skeleton import BODY_NAMES
+from localreg.body.subject import Subject
+from localreg.live.body_frames import BodyFrames
+from sensors import rotation
+
+_SIDE: Final = (
+    ("Shoulder", "clavicle", "UpperChest"),
+    ("UpperArm", "humerus", "Shoulder"),
+    ("LowerArm", "radius", "UpperArm"),
+    ("Hand", "hand", "LowerArm"),
+    ("UpperLeg", "femur", "Hips"),
+    ("LowerLeg", "tibia", "UpperLeg"),
+    ("Foot", "foot", "LowerLeg"),
+    ("Toes", "toes", "Foot"),
+)
+_TRUNK_NAMES: Final = ("Hips", "Spine", "Chest", "UpperChest", "Neck", "Head")
+
+HUMAN_BONES: Final[dict[str, str]] = {
+    "Hips": "root",
+    "Spine": "lowerback",
+    "Chest": "upperback",
+    "UpperChest": "thorax",
+    "Neck": "lowerneck",
+    "Head": "head",
+    **{"Left" + human: "l" + bone for human, bone, _ in _SIDE},
+    **{"Right" + human: "r" + bone for human, bone, _ in _SIDE},
+}
+"""Unity's bones that we move, parents before children, and our bone that starts there."""
+
+HUMAN_PARENTS: Final[dict[str, str]] = {
+    "Spine": "Hips",
+    "Chest": "Spine",
+    "UpperChest": "Chest",
+    "Neck": "UpperChest",
+    "Head": "Neck",
+    **{
+        side + human: parent if parent in _TRUNK_NAMES else side + parent
+        for side in ("Left", "Right")
+        for human, _, parent in _SIDE
+    },
+}
+"""The parent of each of them among the bones that we move; the hips have none."""
+
+_NAMES: Final = tuple(HUMAN_BONES)
+_BODIES: Final = np.array([BODY_NAMES.index(body) for body in HUMAN_BONES.values()])
+_PARENTS: Final = np.array([_NAMES.index(HUMAN_PARENTS.get(name, "Hips")) for name in _NAMES])
+
+# Unit vectors of limbs in the T-pose, in root axes: x left, y up, z forward.
+_LEVEL: Final = ("humerus", "radius", "wrist", "hand")
+_PLUMB: Final = ("femur", "tibia")
+_FEET: Final = ("foot", "toes")
+
+# World z up to y up: the inverse of a quarter turn about x.
+_TO_Y_UP: Final = np.array([0.5**0.5, -(0.5**0.5), 0.0, 0.0])
+_MIRROR: Final = np.array([1.0, 1.0, -1.0, -1.0])
+_XYZW: Final = np.array([1, 2, 3, 0])
+
+
+class HumanPose(NamedTuple):
+    """The bones of `HUMAN_BONES` as Unity has them: left-handed, y up, metres, x y z w.
+
+    Attributes:
+        positions: in the parent's axes from the parent's start; the hips' in the world [m].
+        quaternions: against the parent, the T-pose being all identities; the hips' in the
+            world.
+        world_positions: in the world [m].
+        world_quaternions: in the world, the T-pose being all identities.
+    """
+
+    positions: Float[ndarray, "22 3"]
+    quaternions: Float[ndarray, "22 4"]
+    world_positions: Float[ndarray, "22 3"]
+    world_quaternions: Float[ndarray, "22 4"]
+
+
+class Humanoid:
+    """Translates one subject's poses.
+
+    Args:
+        subject: whose rest pose is set against Unity's T-pose.
+    """
+
+    def __init__(self, subject: Subject) -> None:
+        self._from_t_pose = rotation.conjugate(t_pose_turns(subject))[_BODIES]
+
+    def __call__(self, frames: BodyFrames) -> HumanPose:
+        """The pose in Unity's terms."""
+        world_p = positions_to_unity(frames.positions[_BODIES])
+        turns = rotation.multiply(_TO_Y_UP, frames.quaternions[_BODIES])
+        world_q = rotation.multiply(turns, self._from_t_pose) * _MIRROR
+        to_parent = rotation.conjugate(world_q[_PARENTS])
+        p = rotation.rotate(to_parent, world_p - world_p[_PARENTS])
+        q = rotation.multiply(to_parent, world_q)
+        p[0], q[0] = world_p[0], world_q[0]
+        return HumanPose(p, q[:, _XYZW], world_p, world_q[:, _XYZW])
+
+
+def t_pose_turns(subject: Subject) -> Float[ndarray, "31 4"]:
+    """Quaternions w x y z that bring each bone from the rest pose into the T-pose.
+
+    Legs hang straight down and arms are level, each by the shortest arc; feet and toes turn
+    with the leg, for in the rest pose their soles are as tilted as it is. All else stays.
+    """
+    turns = np.tile(rotation.IDENTITY, (len(BODY_NAMES), 1))
+    for index, name in enumerate(BODY_NAMES[1:], start=1):
+        side, kind = name[0], name[1:]
+        if kind in _FEET:
+            turns[index] = turns[index - 1]
+        elif kind in _PLUMB:
+            turns[index] = _shortest_arc(subject.directions[index - 1], np.array([0.0, -1.0, 0.0]))
+        elif kind in _LEVEL:
+            level = np.array([1.0 if side == "l" else -1.0, 0.0, 0.0])
+            turns[index] = _shortest_arc(subject.directions[index - 1], level)
+    return turns
+
+
+def positions_to_unity(positions: Float[ndarray, "*b 3"]) -> Float[ndarray, "*b 3"]:
+    """World positions in Unity's axes: right, up, forward [m]."""
+    x, y, z = np.moveaxis(positions, -1, 0)
+    return np.stack([-x, z, -y], axis=-1)
+
+
+def rotations_to_unity(quaternions: Float[ndarray, "*b 4"]) -> Float[ndarray, "*b 4"]:
+    """World rotations w x y z of rigid things, such as trackers, as Unity's x y z w.
+
+    Their own axes are converted as the world's are: what lies along the world's axes does
+    so in Unity.
+    """
+    turned = rotation.multiply(_TO_Y_UP, quaternions)
+    turned = rotation.multiply(turned, rotation.conjugate(_TO_Y_UP)) * _MIRROR
+    return turned[..., _XYZW]
+
+
+def _shortest_arc(a: Float[ndarray, "3"], b: Float[ndarray, "3"]) -> Float[ndarray, "4"]:
+    """The smallest rotation that takes one unit vector to another; not for opposite ones."""
+    return rotation.normalize(np.array([1.0 + float(a @ b), *np.cross(a, b)]))
