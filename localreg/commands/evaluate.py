@@ -1,18 +1,36 @@
 """`localreg evaluate`: how well methods synthesize motion that they have not seen."""
 
 import os
+from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from localreg.commands.reading import OverridesFile, SourceRate, Sources
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from contextlib import AbstractContextManager
+
     from rich.console import Console
 
+    from localreg.database import PoseDatabase
+    from localreg.evaluation.execution import Run
+    from localreg.evaluation.leave_one_out import Progress
     from localreg.evaluation.protocol import Protocol
     from localreg.evaluation.results import Evaluation
+    from localreg.motion.motion import Motion
+
+_USUAL_OUTLIERS = 0.05
+
+
+class Disturbance(StrEnum):
+    """What can be done to the trackers to see what it costs."""
+
+    OUTLIERS = "outliers"
+    LOST_TRACKER = "lost-tracker"
+
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 
@@ -26,7 +44,9 @@ localreg evaluate sample --leave-out subject --json walks.json
 
 localreg evaluate test/ --database train.db --start truth --jobs 4
 
-localreg evaluate sample --trackers head,lhand,rhand --outliers 0.02 --dropout 0.1"""
+localreg evaluate sample --trackers head,lhand,rhand --outliers 0.02 --dropout 0.1
+
+localreg evaluate sample --methods localreg,localreg-squares --signals both --disturb outliers"""
 )
 def evaluate(
     sources: Sources,
@@ -45,7 +65,13 @@ def evaluate(
             help="Without --database: what to leave out with each test clip (clip).",
         ),
     ] = None,
-    methods: Annotated[str, typer.Option(help="Methods, with commas.")] = "localreg,paper,ik",
+    methods: Annotated[
+        str,
+        typer.Option(
+            help="Methods, with commas; NAME-truth is given the true first pose, NAME-squares "
+            "has plain squares for the Lorentzian."
+        ),
+    ] = "localreg,paper,lpcr,lpca,ik,ik-truth",
     signals: Annotated[
         str, typer.Option(help="What trackers measure, one evaluation for each.")
     ] = "both,position,orientation",
@@ -59,10 +85,30 @@ def evaluate(
         float, typer.Option(min=0.0, help="Standard deviation of each rotation component [deg].")
     ] = 0.5,
     outliers: Annotated[
-        float, typer.Option(min=0.0, max=1.0, help="Probability of an outlier (0.3 m, 60 deg).")
+        float,
+        typer.Option(min=0.0, max=1.0, help="Probability of an outlier, per tracker and frame."),
     ] = 0.0,
+    outlier_position: Annotated[
+        float, typer.Option(min=0.0, help="How far off an outlier's position is [m].")
+    ] = 0.3,
+    outlier_orientation: Annotated[
+        float, typer.Option(min=0.0, help="How far off an outlier's orientation is [deg].")
+    ] = 60.0,
     dropout: Annotated[
         float, typer.Option(min=0.0, max=0.99, help="Share of time that each tracker is away.")
+    ] = 0.0,
+    dropout_seconds: Annotated[
+        float, typer.Option(min=0.0, help="How long it stays away, on average [s].")
+    ] = 0.2,
+    slip_position: Annotated[
+        float, typer.Option(min=0.0, help="How far each tracker slides on its bone, once [m].")
+    ] = 0.0,
+    slip_orientation: Annotated[
+        float, typer.Option(min=0.0, help="How far it turns then [deg].")
+    ] = 0.0,
+    time_jitter: Annotated[
+        float,
+        typer.Option(min=0.0, help="Standard deviation of when trackers really measure [ms]."),
     ] = 0.0,
     start: Annotated[
         str,
@@ -87,7 +133,26 @@ def evaluate(
         Path | None,
         typer.Option("--json", metavar="FILE", help="Also write every figure; - for the output."),
     ] = None,
-    verbose: Annotated[bool, typer.Option(help="Show every clip.")] = False,
+    verbose: Annotated[
+        bool, typer.Option(help="Show activities, joints and every clip, too.")
+    ] = False,
+    database_share: Annotated[
+        float,
+        typer.Option(min=0.0, max=1.0, help="Learn from this share of the recordings only."),
+    ] = 1.0,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS", help="Run on the workers of this Dask scheduler (extra: cluster)."
+        ),
+    ] = None,
+    disturb: Annotated[
+        Disturbance | None,
+        typer.Option(
+            help="Instead of the tables, what a disturbance costs: outliers (5 % of 30 cm unless "
+            "--outliers says otherwise), or each tracker in turn lost for a second."
+        ),
+    ] = None,
 ) -> None:
     """Synthesize clips from simulated trackers and measure the errors.
 
@@ -111,12 +176,11 @@ def evaluate(
     from localreg.commands.reading import read, warn_of_skipped
     from localreg.database import PoseDatabase
     from localreg.errors import SynthesisError
-    from localreg.evaluation.leave_one_out import default_jobs
-    from localreg.evaluation.leave_one_out import evaluate as run
+    from localreg.evaluation.leave_one_out import evaluate as run_evaluation
     from localreg.evaluation.protocol import Protocol
     from localreg.evaluation.results import write_json
+    from localreg.evaluation.summaries import to_json
     from localreg.evaluation.trackers import TrackerQuality
-    from localreg.synthesis.methods import METHODS
 
     try:
         protocol = Protocol(
@@ -126,67 +190,114 @@ def evaluate(
                 noise_position=noise_position,
                 noise_orientation=float(np.radians(noise_orientation)),
                 outliers=outliers,
+                outlier_position=outlier_position,
+                outlier_orientation=float(np.radians(outlier_orientation)),
                 dropout=dropout,
+                dropout_seconds=dropout_seconds,
+                slip_position=slip_position,
+                slip_orientation=float(np.radians(slip_orientation)),
+                time_jitter=1e-3 * time_jitter,
             ),
             trackers=None if trackers is None else _names(trackers),
             start=start,
             leave_out=None if database is not None else _leave_out(leave_out),
             max_frames=max_frames,
             seed=seed,
+            database_share=database_share,
         )
-        unknown = [method for method in protocol.methods if method not in METHODS]
-        if unknown:
-            raise SynthesisError(
-                f"no method named {', '.join(unknown)}; choose among {', '.join(METHODS)}"
-            )
     except SynthesisError as error:
         raise typer.BadParameter(str(error)) from error
-    motions, report = read(sources, source_rate, overrides)
-    warn_of_skipped(report)
+    motions, reading = read(sources, source_rate, overrides)
+    warn_of_skipped(reading)
     if database is not None:
         learned = PoseDatabase.load(database)
     else:
         learned = PoseDatabase.build(motions, rate=rate, mirror=mirror)
-    with progress_bar("evaluating") as bar:
-        evaluation = run(
-            motions,
-            learned,
-            protocol,
-            folder=database,
-            jobs=jobs or default_jobs(),
-            progress=bar,
-        )
-    if evaluation.too_short:
-        notes().print(f"too short to be a test: {', '.join(evaluation.too_short)}")
-    document = evaluation.to_json()
+    with _somewhere(learned, database, jobs, len(motions), scheduler) as run:
+        if disturb is not None:
+            with progress_bar("disturbing") as bar:
+                document = _disturb(disturb, motions, learned, protocol, run, bar, to_output)
+        else:
+            with progress_bar("evaluating") as bar:
+                evaluation = run_evaluation(
+                    motions, learned, protocol, folder=database, run=run, progress=bar
+                )
+            document = to_json(evaluation)
+            if evaluation.too_short:
+                notes().print(f"too short to be a test: {', '.join(evaluation.too_short)}")
+            if not to_output:
+                _print(evaluation, output(), verbose=verbose)
     if to_output:
         import json
 
         typer.echo(json.dumps(document, indent=1, allow_nan=False))
+    elif json_file is not None:
+        write_json(document, json_file)
+
+
+def _somewhere(
+    database: "PoseDatabase",
+    folder: Path | None,
+    jobs: int | None,
+    clips: int,
+    scheduler: str | None,
+) -> "AbstractContextManager[Run]":
+    """Where trials are run: processes of this machine, or a Dask cluster."""
+    if scheduler is not None:
+        from localreg.evaluation.cluster import cluster
+
+        return cluster(database, scheduler)
+    from localreg.evaluation.execution import default_jobs, processes
+
+    return processes(database, min(jobs or default_jobs(), clips), folder)
+
+
+def _disturb(
+    what: Disturbance,
+    motions: "Sequence[Motion]",
+    database: "PoseDatabase",
+    protocol: "Protocol",
+    run: "Run",
+    progress: "Progress",
+    to_output: bool,
+) -> dict[str, Any]:
+    """Errors with and without a disturbance, as a table and as a document."""
+    from dataclasses import asdict, replace
+
+    from localreg.commands.console import output
+    from localreg.commands.evaluation_tables import growth_table
+    from localreg.evaluation.results import SCHEMA, without_nan
+    from localreg.evaluation.robustness import loss_growth, outlier_growth
+
+    if what is Disturbance.OUTLIERS:
+        share = protocol.quality.outliers or _USUAL_OUTLIERS
+        wild = replace(protocol, quality=replace(protocol.quality, outliers=share))
+        growths = outlier_growth(motions, database, wild, run, progress=progress)
     else:
-        if json_file is not None:
-            write_json(document, json_file)
-        _print(evaluation, protocol, output(), verbose=verbose)
+        growths = loss_growth(motions, database, protocol, run, progress=progress)
+    if not to_output:
+        output().print(growth_table(growths))
+    entries = [
+        {**asdict(g), "mpjpe_growth": g.mpjpe_growth, "angle_growth": g.angle_growth}
+        for g in growths
+    ]
+    return without_nan({"schema": SCHEMA, "disturbance": what.value, "growth": entries})
 
 
-def _print(
-    evaluation: "Evaluation", protocol: "Protocol", console: "Console", *, verbose: bool
-) -> None:
-    from localreg.commands.evaluation_tables import (
-        clip_table,
-        mean_table,
-        timing_table,
-        worse_than_ik,
-        worst_table,
-    )
+def _print(evaluation: "Evaluation", console: "Console", *, verbose: bool) -> None:
+    from localreg.commands import evaluation_tables as tables
 
-    console.print(mean_table(evaluation))
-    console.print(worst_table(evaluation))
-    for line in worse_than_ik(evaluation):
+    console.print(tables.mean_table(evaluation))
+    if len(evaluation.methods) > 1:
+        console.print(tables.difference_table(evaluation))
+    console.print(tables.worst_table(evaluation))
+    for line in tables.worse_lines(evaluation):
         console.print(line)
-    console.print(timing_table(evaluation))
+    console.print(tables.more_table(evaluation))
     if verbose:
-        console.print(clip_table(evaluation))
+        console.print(tables.activity_table(evaluation))
+        console.print(tables.joint_table(evaluation))
+        console.print(tables.clip_table(evaluation))
 
 
 def _names(text: str) -> tuple[str, ...]:

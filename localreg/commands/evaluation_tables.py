@@ -6,8 +6,20 @@ from typing import Final
 import numpy as np
 from rich.table import Table
 
-from localreg.evaluation.metrics import FIGURES, Figures
+from localreg.evaluation.metrics import FIGURES, Figures, mean_figures
 from localreg.evaluation.results import Evaluation
+from localreg.evaluation.robustness import Growth
+from localreg.evaluation.statistics import LEVEL, Difference
+from localreg.evaluation.summaries import (
+    COMPARED,
+    RIVALS,
+    badness,
+    by_activity,
+    by_joint,
+    difference,
+    extras,
+    worse_than,
+)
 
 _TITLES: Final = {
     "joint_angle_error_deg": "joint angle\n[deg]",
@@ -19,7 +31,10 @@ _TITLES: Final = {
     "foot_skate_cm_s": "foot skate\n[cm/s]",
 }
 _WORST: Final = 3
-_IK: Final = "ik"
+_FEW: Final = 12
+_PLACELESS: Final = (
+    "(orientations alone do not say where in the room the body is: look at the root-aligned MPJPE)"
+)
 
 
 def mean_table(evaluation: Evaluation) -> Table:
@@ -37,6 +52,8 @@ def mean_table(evaluation: Evaluation) -> Table:
         foot_skate_cm_s=_mean([c.true_foot_skate_cm_s for c in same]),
     )
     table.add_row("(truth)", "", *_cells(truth))
+    if any(clip.signals == "orientation" for clip in evaluation.clips):
+        table.caption = _PLACELESS
     return table
 
 
@@ -46,7 +63,7 @@ def worst_table(evaluation: Evaluation) -> Table:
     for method, kinds in evaluation.means().items():
         for signals in kinds:
             clips = evaluation.of(method, signals)
-            clips.sort(key=lambda clip: _badness(clip.figures), reverse=True)
+            clips.sort(key=lambda clip: badness(clip.figures), reverse=True)
             for clip in clips[:_WORST]:
                 table.add_row(method, signals, clip.name, *_cells(clip.figures))
             table.add_section()
@@ -61,37 +78,125 @@ def clip_table(evaluation: Evaluation) -> Table:
     return table
 
 
-def timing_table(evaluation: Evaluation) -> Table:
-    """How long a frame takes, by method."""
-    table = Table("method", "median [ms]", "99th percentile [ms]", "frames/s", title="Timing")
-    for column in table.columns[1:]:
-        column.justify = "right"
-    for method, timing in evaluation.timing().items():
-        table.add_row(
-            method, _cell(timing.p50_ms), _cell(timing.p99_ms), _cell(timing.frames_per_s)
-        )
+def activity_table(evaluation: Evaluation) -> Table:
+    """Means by what is done in the clips."""
+    table = _table("activity", "clips", "method", "signals", title="Activities")
+    rows: dict[str, list[tuple[str, ...]]] = {}
+    for method, kinds in evaluation.means().items():
+        for signals in kinds:
+            for activity, clips in by_activity(evaluation, method, signals).items():
+                figures = mean_figures([clip.figures for clip in clips])
+                rows.setdefault(activity, []).append(
+                    (activity, str(len(clips)), method, signals, *_cells(figures))
+                )
+    for activity in sorted(rows):
+        for row in rows[activity]:
+            table.add_row(*row)
+        table.add_section()
     return table
 
 
-def worse_than_ik(evaluation: Evaluation) -> list[str]:
-    """For every method and kind of signals, on which clips inverse kinematics is better."""
+def joint_table(evaluation: Evaluation) -> Table:
+    """Turn errors of every bone, one column for every method and kind of signals."""
+    columns = [
+        (method, signals) for method, kinds in evaluation.means().items() for signals in kinds
+    ]
+    table = Table("bone", *("\n".join(column) for column in columns), title="Bone turns [deg]")
+    for column in table.columns[1:]:
+        column.justify = "right"
+    errors = [by_joint(evaluation.of(*column))["geodesic_error_deg"] for column in columns]
+    for bone in errors[0]:
+        table.add_row(bone, *(_cell(error[bone]) for error in errors))
+    return table
+
+
+def difference_table(evaluation: Evaluation) -> Table:
+    """The first method against every other, with paired bootstrap intervals over clips."""
+    first = evaluation.methods[0]
+    table = Table(
+        f"{first} minus",
+        "signals",
+        *(_TITLES[figure] for figure in COMPARED),
+        title=f"Differences and their {LEVEL:.0%} intervals (* excludes zero)",
+    )
+    for column in table.columns[2:]:
+        column.justify = "right"
+    for method, kinds in evaluation.means().items():
+        if method == first:
+            continue
+        for signals in kinds:
+            cells = [
+                _interval(difference(evaluation, first, method, signals, figure))
+                for figure in COMPARED
+            ]
+            table.add_row(method, signals, *cells)
+        table.add_section()
+    return table
+
+
+def more_table(evaluation: Evaluation) -> Table:
+    """Calibration, jitter and skate against the truth's, recovery, and time a frame."""
+    table = Table(
+        "method", "signals", "error / predicted\ndeviation", "jitter /\ntruth's",
+        "foot skate -\ntruth's [cm/s]", "back after\na gap [s]", "frame, median\n[ms]",
+        "99 %\n[ms]", "frames/s", title="Calibration, smoothness, time",
+    )  # fmt: skip
+    for column in table.columns[2:]:
+        column.justify = "right"
+    timing = evaluation.timing()
+    for method, kinds in evaluation.means().items():
+        for signals in kinds:
+            found = extras(evaluation.of(method, signals))
+            table.add_row(
+                method, signals, _cell(found.standardized_error), _cell(found.jitter_ratio),
+                _cell(found.foot_skate_excess_cm_s), _cell(found.recovery_s),
+                _cell(timing[method].p50_ms), _cell(timing[method].p99_ms),
+                _cell(timing[method].frames_per_s),
+            )  # fmt: skip
+    return table
+
+
+def growth_table(growths: list[Growth]) -> Table:
+    """What disturbances cost."""
+    table = Table(
+        "disturbance", "method", "signals", "clips", "MPJPE [cm]\nwithout", "MPJPE [cm]\nwith",
+        "growth\n[%]", "joint angle [deg]\nwithout", "joint angle [deg]\nwith", "growth\n[%]",
+        "frames until\nwithin 110 %", "slowest\nclip", title="Disturbances",
+    )  # fmt: skip
+    for column in table.columns[3:]:
+        column.justify = "right"
+    for growth in growths:
+        slowest = growth.slowest_to_recover
+        table.add_row(
+            growth.disturbance, growth.method, growth.signals, str(growth.clips),
+            _cell(growth.undisturbed_mpjpe_cm), _cell(growth.disturbed_mpjpe_cm),
+            f"{100 * growth.mpjpe_growth:+.1f}",
+            _cell(growth.undisturbed_angle_deg), _cell(growth.disturbed_angle_deg),
+            f"{100 * growth.angle_growth:+.1f}",
+            _cell(growth.frames_to_recover), "-" if slowest is None else str(slowest),
+        )  # fmt: skip
+    return table
+
+
+def worse_lines(evaluation: Evaluation) -> list[str]:
+    """For every method, on which clips inverse kinematics is better, cold or given the truth."""
     lines = []
     for method, kinds in evaluation.means().items():
-        for signals in kinds if method != _IK else ():
-            clips = evaluation.of(method, signals)
-            rivals = {clip.name: clip for clip in evaluation.of(_IK, signals)}
-            worse = [
-                clip.name
-                for clip in clips
-                if clip.name in rivals
-                and _badness(clip.figures) > _badness(rivals[clip.name].figures)
-            ]
-            if rivals:
-                names = f": {', '.join(worse)}" if worse else ""
+        for rival in RIVALS if method not in RIVALS else ():
+            for signals in kinds:
+                clips = evaluation.of(method, signals)
+                if rival not in evaluation.methods:
+                    continue
+                worse = worse_than(evaluation, method, rival, signals)
+                worse.sort(key=lambda entry: entry[1] - entry[2], reverse=True)
+                names = [f"{name} ({own:.1f} > {its:.1f})" for name, own, its in worse[:_FEW]]
+                if len(worse) > _FEW:
+                    names.append(f"and {len(worse) - _FEW} more")
                 lines.append(
-                    f"{method}, {signals}: joint angles worse than {_IK}'s on "
-                    f"{len(worse)} of {len(clips)} clips{names}"
-                )
+                    f"{method}, {signals}: joint angles worse than {rival}'s on "
+                    f"{len(worse)} of {len(clips)} clips" + (": " if names else "")
+                    + ", ".join(names)
+                )  # fmt: skip
     return lines
 
 
@@ -112,9 +217,11 @@ def _cell(value: float | None) -> str:
     return f"{value:.2f}" if value < 100 else f"{value:.0f}"
 
 
-def _badness(figures: Figures) -> float:
-    value = figures.joint_angle_error_deg
-    return math.inf if value is None or math.isnan(value) else value
+def _interval(found: Difference) -> str:
+    if found.mean is None or found.low is None or found.high is None:
+        return _cell(found.mean)
+    mark = " *" if found.is_sure else ""
+    return f"{found.mean:+.2f} [{found.low:+.2f}, {found.high:+.2f}]{mark}"
 
 
 def _mean(values: list[float | None]) -> float | None:

@@ -22,6 +22,10 @@ SETTLING_FRAMES: Final = 5
 """Frames at the start of a clip that count for nothing but time."""
 
 _JOINTED: Final = np.array([index for index, bone in enumerate(BONES) if bone.dofs])
+
+JOINTED_BONES: Final = tuple(bone.name for bone in BONES if bone.dofs)
+"""The bones that have joints, in the order of figures by bone."""
+
 _LEAST_FOR_JITTER: Final = 4
 
 
@@ -35,7 +39,9 @@ class Figures:
             parent, mean over the 28 bones that have joints [deg].
         mpjpe_cm: distance of the 31 bone ends in the world [cm].
         mpjpe_root_aligned_cm: distance of the 30 bone ends other than the root once the roots'
-            positions are laid upon each other; orientation counts, as is usual [cm].
+            positions are laid upon each other [cm]. Only the position is taken away, as is
+            usual: heading and tilt of the root count. The figure to look at where no tracker
+            measures positions, since nothing then says where in the room the body is.
         tracker_error_cm: distance of the synthesized from the noise-free trackers [cm].
         jitter_m_s3: norm of the third derivative of the 31 bone ends [m/s^3].
         foot_skate_cm_s: horizontal speed of synthesized foot ends while the true ones
@@ -66,6 +72,13 @@ class Comparison:
             roll off [cm/s].
         joint_angle_error_deg: mean over the angles, for every frame from the first [deg].
         mpjpe_cm: mean over the bone ends, for every frame from the first [cm].
+        joint_angle_error_by_dof_deg: mean over the frames, for every angle [deg].
+        geodesic_error_by_bone_deg: mean over the frames, for the 28 bones of
+            `JOINTED_BONES` [deg].
+        position_error_by_end_cm: mean over the frames, for the 31 bone ends [cm].
+        standardized_error: root mean square of angle errors, each divided by the standard
+            deviation that the method gave it: 1 for a method that knows its errors, more
+            for one too sure of itself. None where it gave none.
     """
 
     figures: Figures
@@ -73,10 +86,18 @@ class Comparison:
     true_foot_skate_cm_s: float | None
     joint_angle_error_deg: Float[ndarray, " frames"]
     mpjpe_cm: Float[ndarray, " frames"]
+    joint_angle_error_by_dof_deg: Float[ndarray, "56"]
+    geodesic_error_by_bone_deg: Float[ndarray, "28"]
+    position_error_by_end_cm: Float[ndarray, "31"]
+    standardized_error: float | None = None
 
 
 def compare(
-    truth: Motion, qpos: Float[ndarray, "frames 63"], *, body: BodyPoints | None = None
+    truth: Motion,
+    qpos: Float[ndarray, "frames 63"],
+    *,
+    body: BodyPoints | None = None,
+    predicted_sigma: Float[ndarray, "frames 56"] | None = None,
 ) -> Comparison:
     """Compare synthesized poses with the true ones of the same subject and frames.
 
@@ -84,6 +105,8 @@ def compare(
         truth: the true motion; its subject wears the trackers that count.
         qpos: one synthesized pose for every frame of it.
         body: the subject's body if it is at hand, else it is built.
+        predicted_sigma: standard deviation that the method gave each angle; not finite
+            where it gave none [rad].
 
     Raises:
         ValueError: the numbers of frames differ.
@@ -96,17 +119,20 @@ def compare(
     blot = np.where(finite, 0.0, np.nan)
     ends, true_ends = body.bone_ends(whole), body.bone_ends(truth.qpos)
     ends = ends + blot[:, None, None]
-    angle_error = joint_angle_errors_deg(whole[:, 7:], truth.angles) + blot
-    distance = 100.0 * np.linalg.norm(ends - true_ends, axis=-1).mean(axis=1)
+    by_dof = joint_angle_errors_deg(whole[:, 7:], truth.angles) + blot[:, None]
+    angle_error = by_dof.mean(axis=1)
+    by_end = 100.0 * np.linalg.norm(ends - true_ends, axis=-1)
+    distance = by_end.mean(axis=1)
     counted = slice(SETTLING_FRAMES, None)
     contacts = foot_contacts(true_ends, truth.rate)[counted]
     trackers = body.tracker_poses(whole).positions + blot[:, None, None]
     tracker_error = np.linalg.norm(trackers - body.tracker_poses(truth.qpos).positions, axis=-1)
     geodesic = geodesic_errors_deg(whole[:, 7:], truth.angles, truth.subject.axis_frames)
+    geodesic = geodesic + blot[:, None]
     aligned = (ends - ends[:, :1]) - (true_ends - true_ends[:, :1])
     figures = Figures(
         joint_angle_error_deg=_mean(angle_error[counted]),
-        geodesic_error_deg=_mean((geodesic + blot)[counted]),
+        geodesic_error_deg=_mean(geodesic[counted]),
         mpjpe_cm=_mean(distance[counted]),
         mpjpe_root_aligned_cm=_mean(100.0 * np.linalg.norm(aligned[counted, 1:], axis=-1)),
         tracker_error_cm=_mean(100.0 * tracker_error[counted]),
@@ -119,28 +145,36 @@ def compare(
         true_foot_skate_cm_s=foot_skate_cm_s(true_ends[counted], contacts, truth.rate),
         joint_angle_error_deg=angle_error,
         mpjpe_cm=distance,
+        joint_angle_error_by_dof_deg=_column_means(by_dof[counted]),
+        geodesic_error_by_bone_deg=_column_means(geodesic[counted]),
+        position_error_by_end_cm=_column_means(by_end[counted]),
+        standardized_error=(
+            None
+            if predicted_sigma is None
+            else standardized_error(by_dof[counted], predicted_sigma[counted])
+        ),
     )
 
 
 def joint_angle_errors_deg(
     angles: Float[ndarray, "frames 56"], true_angles: Float[ndarray, "frames 56"]
-) -> Float[ndarray, " frames"]:
-    """|difference, wrapped to half a turn|, mean over the joint angles [deg].
+) -> Float[ndarray, "frames 56"]:
+    """|difference, wrapped to half a turn| of every joint angle [deg].
 
     Args:
         angles: synthesized joint angles [rad].
         true_angles: true joint angles [rad].
     """
     difference = (angles - true_angles + np.pi) % (2.0 * np.pi) - np.pi
-    return np.degrees(np.abs(difference)).mean(axis=1)
+    return np.degrees(np.abs(difference))
 
 
 def geodesic_errors_deg(
     angles: Float[ndarray, "frames 56"],
     true_angles: Float[ndarray, "frames 56"],
     axis_frames: Float[ndarray, "30 3 3"],
-) -> Float[ndarray, " frames"]:
-    """Angle between the turns of a bone against its parent, mean over bones with joints [deg].
+) -> Float[ndarray, "frames 28"]:
+    """Angle between the turns of a bone against its parent, for `JOINTED_BONES` [deg].
 
     The turn is R = C Rz Ry Rx C^T. Unlike differences of angles, the figure does not grow
     where two of the three axes nearly coincide.
@@ -154,7 +188,7 @@ def geodesic_errors_deg(
     true_turns = bone_rotations(true_angles, axis_frames)[:, _JOINTED]
     # |A - B|_F = 2 sqrt(2) sin(angle / 2), exact near nought where arccos is not.
     chord = np.linalg.norm(turns - true_turns, axis=(-2, -1)) / np.sqrt(8.0)
-    return np.degrees(2.0 * np.arcsin(np.minimum(chord, 1.0))).mean(axis=1)
+    return np.degrees(2.0 * np.arcsin(np.minimum(chord, 1.0)))
 
 
 def jitter_m_s3(points: Float[ndarray, "frames points 3"], rate: float) -> float | None:
@@ -193,6 +227,25 @@ def foot_skate_cm_s(
     return _mean(100.0 * speed[contacts])
 
 
+def standardized_error(
+    errors_deg: Float[ndarray, "frames 56"], predicted_sigma: Float[ndarray, "frames 56"]
+) -> float | None:
+    """Root mean square of errors in units of their predicted standard deviations.
+
+    Args:
+        errors_deg: of the joint angles [deg].
+        predicted_sigma: what the method expected of them; not finite where nothing [rad].
+
+    Returns:
+        None where nothing was expected.
+    """
+    expected = np.isfinite(predicted_sigma) & (predicted_sigma > 0.0)
+    if not expected.any():
+        return None
+    ratios = np.radians(errors_deg[expected]) / predicted_sigma[expected]
+    return float(np.sqrt(np.mean(ratios**2)))
+
+
 def mean_figures(figures: list[Figures]) -> Figures:
     """Unweighted means over clips.
 
@@ -204,6 +257,10 @@ def mean_figures(figures: list[Figures]) -> Figures:
         values = [value for f in figures if (value := getattr(f, name)) is not None]
         means[name] = _mean(np.array(values))
     return Figures(**means)
+
+
+def _column_means(values: Float[ndarray, "frames n"]) -> Float[ndarray, " n"]:
+    return values.mean(axis=0) if len(values) else np.full(values.shape[1], np.nan)
 
 
 def _mean(values: Float[ndarray, "..."]) -> float | None:

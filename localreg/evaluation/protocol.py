@@ -12,19 +12,14 @@ from localreg.database import PoseDatabase
 from localreg.errors import MotionError, SynthesisError
 from localreg.evaluation.metrics import SETTLING_FRAMES
 from localreg.evaluation.trackers import SIGNALS, TrackerQuality
+from localreg.evaluation.variants import find_variant
 from localreg.motion.motion import Motion
-from localreg.synthesis.settings import METHODS
 
 LEAVE_OUT: Final = ("clip", "subject", "activity")
 """What can be left out of the database with the clip that is the test."""
 
 STARTS: Final = ("cold", "truth")
 """Where a method starts: from the first tracker frame alone, or from the true first pose."""
-
-WITHOUT_DATABASE: Final = frozenset(
-    name for name, settings in METHODS.items() if settings.prior == "ik"
-)
-"""Methods that look at no database."""
 
 SHORTEST: Final = SETTLING_FRAMES + 4
 """Frames below which a clip is no test: too few remain for every figure."""
@@ -35,7 +30,7 @@ class Protocol:
     """The settings of an evaluation.
 
     Attributes:
-        methods: names of methods, as `localreg.synthesis.methods` knows them.
+        methods: names of methods or of their variants; see `variants`.
         signals: what the trackers measure, one evaluation for each; see `SIGNALS`.
         quality: how good the trackers are; its own `signals` is not looked at.
         trackers: names of the trackers worn; None for all that the subject has.
@@ -44,12 +39,15 @@ class Protocol:
             own; copies of the test clip are kept from it even so.
         max_frames: only the first so many frames of each clip; None for all.
         seed: of the simulated noise; not negative.
+        database_share: share of the database's clips that may be used, the others being
+            left out at random; a smaller share is part of a larger one.
+        keep_poses: whether results keep the synthesized poses.
 
     Raises:
         SynthesisError: a choice that does not exist.
     """
 
-    methods: tuple[str, ...] = ("localreg", "paper", "ik")
+    methods: tuple[str, ...] = ("localreg", "paper", "lpcr", "lpca", "ik", "ik-truth")
     signals: tuple[str, ...] = SIGNALS
     quality: TrackerQuality = field(default_factory=TrackerQuality)
     trackers: tuple[str, ...] | None = None
@@ -57,6 +55,8 @@ class Protocol:
     leave_out: Literal["clip", "subject", "activity"] | None = "clip"
     max_frames: int | None = None
     seed: int = 0
+    database_share: float = 1.0
+    keep_poses: bool = False
 
     def __post_init__(self) -> None:
         choices = (
@@ -74,6 +74,12 @@ class Protocol:
         for values, what in ((self.methods, "method"), (self.signals, "signal")):
             if not values or len(set(values)) != len(values):
                 raise SynthesisError(f"name every {what} once and at least one: {values}")
+        for method in self.methods:
+            find_variant(method)
+        if not 0.0 < self.database_share <= 1.0:
+            raise SynthesisError(
+                f"{self.database_share} of a database cannot be used; give a share above 0, up to 1"
+            )
         if self.seed < 0:
             raise SynthesisError(f"the seed is {self.seed}; give a number of 0 or more")
         if self.max_frames is not None and self.max_frames < SHORTEST:
@@ -85,7 +91,7 @@ class Protocol:
     @property
     def needs_database(self) -> bool:
         """Whether any of the methods looks at the database."""
-        return not WITHOUT_DATABASE.issuperset(self.methods)
+        return any(find_variant(method).needs_database for method in self.methods)
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,6 +162,7 @@ def _left_out(motion: Motion, database: PoseDatabase, protocol: Protocol) -> tup
         # The clip itself as well, for the copies of it that are filed elsewhere.
         allowed = database.exclude(**{protocol.leave_out: value})
         allowed &= database.exclude(clip=made.name)
+    allowed &= _share(database, protocol)
     if not allowed.any() and protocol.needs_database:
         what = protocol.leave_out or "clip"
         name = made.name if what == "clip" else getattr(made, what)
@@ -164,3 +171,16 @@ def _left_out(motion: Motion, database: PoseDatabase, protocol: Protocol) -> tup
             "motions, or only methods without a database (ik)"
         )
     return tuple(np.unique(database.clip_index[~allowed]).tolist())
+
+
+def _share(database: PoseDatabase, protocol: Protocol) -> Bool[ndarray, " poses"]:
+    """The poses of the recordings that belong to the share of the database that is used."""
+    if protocol.database_share == 1.0:
+        return np.ones(len(database), dtype=bool)
+    groups = np.array([clip.group for clip in database.clips])
+    order = np.random.default_rng(protocol.seed).permutation(np.unique(groups))
+    lengths = np.array([clip.length for clip in database.clips])
+    sizes = np.array([lengths[groups == group].sum() for group in order])
+    before = np.cumsum(sizes) - sizes
+    kept = order[before < protocol.database_share * sizes.sum()]
+    return np.isin(groups, kept)[database.clip_index]

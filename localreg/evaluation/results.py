@@ -3,13 +3,13 @@
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Float32
 from numpy import ndarray
 
 from localreg.errors import LocalregError
@@ -30,6 +30,10 @@ class ClipResult:
         signals: `both`, `position` or `orientation`.
         comparison: the figures, and the errors frame by frame.
         step_ms: how long each step took [ms].
+        subject: who moves; empty if unknown.
+        activity: what is done; empty if unknown.
+        recovery_s: how long errors outlast dropouts [s]; None without any.
+        qpos: the synthesized poses, if they were to be kept.
     """
 
     name: str
@@ -38,6 +42,10 @@ class ClipResult:
     signals: str
     comparison: Comparison
     step_ms: Float[ndarray, " steps"]
+    subject: str = ""
+    activity: str = ""
+    recovery_s: float | None = None
+    qpos: Float32[ndarray, "frames 63"] | None = None
 
     @property
     def figures(self) -> Figures:
@@ -99,11 +107,13 @@ class Evaluation:
         settings: what they depend on.
         clips: one entry for every clip, method and kind of signals.
         too_short: names of clips that were no test.
+        conditions: whatever else they depend on.
     """
 
     settings: Settings
     clips: tuple[ClipResult, ...]
     too_short: tuple[str, ...] = ()
+    conditions: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def methods(self) -> tuple[str, ...]:
@@ -135,7 +145,10 @@ class Evaluation:
         }
 
     def to_json(self) -> dict[str, Any]:
-        """The contract: plain values, None where a figure could not be had."""
+        """The contract: plain values, None where a figure could not be had.
+
+        `summaries.to_json` adds what is worked out from these figures.
+        """
         document = {
             "schema": SCHEMA,
             "settings": asdict(self.settings),
@@ -146,6 +159,12 @@ class Evaluation:
                     "method": clip.method,
                     "signals": clip.signals,
                     **asdict(clip.figures),
+                    "subject": clip.subject,
+                    "activity": clip.activity,
+                    "true_jitter_m_s3": clip.comparison.true_jitter_m_s3,
+                    "true_foot_skate_cm_s": clip.comparison.true_foot_skate_cm_s,
+                    "standardized_error": clip.comparison.standardized_error,
+                    "recovery_s": clip.recovery_s,
                 }
                 for clip in self.clips
             ],
@@ -154,6 +173,7 @@ class Evaluation:
                 for method, kinds in self.means().items()
             },
             "timing": {method: asdict(timing) for method, timing in self.timing().items()},
+            **({"conditions": self.conditions} if self.conditions else {}),
         }
         return without_nan(document)
 

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from localreg.cli import app
 from localreg.commands import doctor
 from localreg.database import PoseDatabase
-from localreg.evaluation import leave_one_out
+from localreg.evaluation import worker
 from localreg.motion.formats import read_motion, write_motion
 from localreg.motion.formats.sample import read_sample
 from localreg.synthesis import methods
@@ -47,7 +47,7 @@ def database(walks: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def builder(monkeypatch: pytest.MonkeyPatch) -> Builder:
     builder = Builder()
-    monkeypatch.setattr(leave_one_out, "build_estimator", builder)
+    monkeypatch.setattr(worker, "build_estimator", builder)
     monkeypatch.setattr(methods, "build_estimator", builder)
     return builder
 
@@ -123,7 +123,7 @@ def test_evaluate_prints_tables_and_writes_json(
          "--jobs", "1", "--json", str(out), "--verbose", "--seed", "7", "--start", "truth"],
     )  # fmt: skip
     assert result.exit_code == 0, result.output
-    for title in ("Means over 2 clips", "Worst clips", "Timing", "Clips", "(truth)", "[deg]"):
+    for title in ("Means over 2 clips", "Worst clips", "frames/s", "Clips", "Activities", "(truth)", "[deg]"):
         assert title in result.stdout
     assert "paper, both: joint angles worse than ik's on 0 of 2 clips" in result.stdout
     document = json.loads(out.read_text())

@@ -8,7 +8,8 @@ import pytest
 
 from localreg.database import PoseDatabase
 from localreg.errors import LocalregError, MotionError, SubjectError, SynthesisError
-from localreg.evaluation import leave_one_out
+from localreg.evaluation import execution
+from localreg.evaluation import worker as worker_module
 from localreg.evaluation.leave_one_out import evaluate
 from localreg.evaluation.metrics import FIGURES
 from localreg.evaluation.protocol import SHORTEST, Protocol, plan_trials
@@ -37,7 +38,7 @@ def database(motions: list[Motion]) -> PoseDatabase:
 @pytest.fixture
 def builder(monkeypatch: pytest.MonkeyPatch) -> Builder:
     builder = Builder()
-    monkeypatch.setattr(leave_one_out, "build_estimator", builder)
+    monkeypatch.setattr(worker_module, "build_estimator", builder)
     return builder
 
 
@@ -71,8 +72,7 @@ def test_no_method_ever_sees_the_test_its_image_or_a_copy(
         builder.asked.clear()
         protocol = Protocol(methods=("localreg", "paper"), leave_out=leave_out)  # type: ignore[arg-type]
         trials, _ = plan_trials([motion], database, protocol)
-        worker = leave_one_out.Worker(database, protocol)
-        worker.run(trials[0])
+        worker_module.Worker(database).run(trials[0], protocol)
         assert {method for method, _, _ in builder.asked} == {"localreg", "paper"}
         for _, _, allowed in builder.asked:
             assert seen(database, allowed) == with_images(*names)
@@ -156,7 +156,7 @@ def test_the_contract_key_by_key(
 ) -> None:
     protocol = Protocol(methods=("localreg", "ik"), signals=("both", "orientation"), seed=3)
     document = evaluate(motions, database, protocol).to_json()
-    assert list(document) == ["schema", "settings", "clips", "mean", "timing"]
+    assert list(document) == ["schema", "settings", "clips", "mean", "timing", "conditions"]
     assert document["schema"] == 1
     assert document["settings"] == {
         "rate_hz": 40.0,
@@ -169,7 +169,7 @@ def test_the_contract_key_by_key(
     }
     assert len(document["clips"]) == 2 * 2 * len(motions)
     for clip in document["clips"]:
-        assert list(clip) == ["name", "frames", "method", "signals", *FIGURES]
+        assert list(clip)[:11] == ["name", "frames", "method", "signals", *FIGURES]
         assert isinstance(clip["frames"], int)
         for name in FIGURES:
             assert clip[name] is None or np.isfinite(clip[name])
@@ -258,12 +258,12 @@ def test_what_cannot_be_evaluated_says_why(motions: list[Motion], builder: Build
 def test_a_process_that_dies_is_reported(
     motions: list[Motion], database: PoseDatabase, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(leave_one_out, "_run_in_process", _die)
+    monkeypatch.setattr(execution, "_run_in_process", _die)
     with pytest.raises(LocalregError, match="a process of the evaluation died"):
         evaluate(motions, database, Protocol(methods=("ik",)), jobs=2)
 
 
-def _die(trial: object) -> None:
+def _die(*trial: object) -> None:
     import os
 
     os._exit(1)

@@ -11,6 +11,7 @@ from localreg.body.skeleton import BODY_NAMES, DOF_NAMES
 from localreg.evaluation.body_points import BodyPoints
 from localreg.evaluation.metrics import (
     FIGURES,
+    JOINTED_BONES,
     SETTLING_FRAMES,
     Figures,
     compare,
@@ -83,6 +84,40 @@ def test_one_angle_wrong_counts_as_one_of_56_and_one_of_28(truth: Motion, body: 
     assert figures.geodesic_error_deg == pytest.approx(30.0 / 28)
 
 
+def test_figures_by_joint_say_which_one_was_wrong(truth: Motion, body: BodyPoints) -> None:
+    qpos = truth.qpos.copy()
+    dof = DOF_NAMES.index("lradiusrx")
+    qpos[:, 7 + dof] += np.radians(30.0)
+    comparison = compare(truth, qpos, body=body)
+    angles = comparison.joint_angle_error_by_dof_deg
+    assert angles[dof] == pytest.approx(30.0)
+    assert np.delete(angles, dof).max() < 1e-9
+    turns = dict(zip(JOINTED_BONES, comparison.geodesic_error_by_bone_deg, strict=True))
+    assert turns.pop("lradius") == pytest.approx(30.0)
+    assert max(turns.values()) < 1e-5
+    ends = dict(zip(BODY_NAMES, comparison.position_error_by_end_cm, strict=True))
+    moved = {name for name, error in ends.items() if error > 1e-6}
+    assert moved == {"lradius", "lwrist", "lhand", "lfingers", "lthumb"}
+    assert np.mean(list(ends.values())) == pytest.approx(comparison.figures.mpjpe_cm)
+
+
+def test_errors_as_large_as_predicted_have_a_standardized_error_of_one(
+    truth: Motion, body: BodyPoints
+) -> None:
+    rng = np.random.default_rng(0)
+    sigma = rng.uniform(0.01, 0.1, (60, 56))
+    qpos = truth.qpos.copy()
+    qpos[:, 7:] += sigma * rng.standard_normal(sigma.shape)
+    sigma[10:20, 3] = np.nan  # nothing predicted
+    known = compare(truth, qpos, body=body, predicted_sigma=sigma).standardized_error
+    assert known == pytest.approx(1.0, abs=0.05)
+    sure = compare(truth, qpos, body=body, predicted_sigma=0.5 * sigma).standardized_error
+    assert sure == pytest.approx(2.0 * known)
+    nothing = np.full((60, 56), np.nan)
+    assert compare(truth, qpos, body=body, predicted_sigma=nothing).standardized_error is None
+    assert compare(truth, qpos, body=body).standardized_error is None
+
+
 def test_whole_turns_are_no_error() -> None:
     rng = np.random.default_rng(0)
     angles = rng.uniform(-np.pi, np.pi, (4, 56))
@@ -101,15 +136,15 @@ def test_the_geodesic_error_is_the_angle_between_rotations(truth: Motion) -> Non
     true[0, [z, y, x]], made[0, [z, y, x]] = rng.uniform(-1, 1, (2, 3))
     a, b = (Rotation.from_euler("ZYX", angles[0, [z, y, x]]) for angles in (true, made))
     expected = np.degrees((a.inv() * b).magnitude())
-    assert geodesic_errors_deg(made, true, frames)[0] * 28 == pytest.approx(expected)
+    assert geodesic_errors_deg(made, true, frames)[0].sum() == pytest.approx(expected)
     # (z + pi, pi - y, x + pi) is the same rotation, though every angle differs.
     same = true.copy()
     same[0, [z, y, x]] = true[0, z] + np.pi, np.pi - true[0, y], true[0, x] + np.pi
-    assert geodesic_errors_deg(same, true, frames)[0] == pytest.approx(0.0, abs=1e-5)
-    assert joint_angle_errors_deg(same, true)[0] > 1.0
+    assert geodesic_errors_deg(same, true, frames)[0].max() == pytest.approx(0.0, abs=1e-4)
+    assert joint_angle_errors_deg(same, true)[0].max() > 90.0
     half = true.copy()
     half[0, x] += np.pi
-    assert geodesic_errors_deg(half, true, frames)[0] * 28 == pytest.approx(180.0, abs=1e-4)
+    assert geodesic_errors_deg(half, true, frames)[0].sum() == pytest.approx(180.0, abs=1e-4)
 
 
 def test_jitter_is_the_third_derivative() -> None:
