@@ -35,6 +35,11 @@ class RecentTimes:
         """Those kept, in no particular order [s]."""
         return self._values[: self.count].copy()
 
+    def recent(self, count: int) -> Float[ndarray, " n"]:
+        """The newest ones, at most so many, in no particular order [s]."""
+        newest = np.arange(max(0, self.count - count), self.count)
+        return self._values[newest[-len(self._values) :] % len(self._values)]
+
     def percentile(self, q: float) -> float:
         """The q-th percentile, q from 0 to 100 [s]; NaN if there are none."""
         kept = self._values[: self.count]

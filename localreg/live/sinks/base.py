@@ -33,7 +33,17 @@ class Sink(ABC):
 
     Trouble with the world outside is an `OSError` or a `LocalregError`; the session counts
     it and goes on.
+
+    Attributes:
+        name: for messages and figures.
     """
+
+    name: str = "sink"
+
+    @property
+    def dropped(self) -> int:
+        """Poses or packets that never left, for want of time or room."""
+        return 0
 
     @abstractmethod
     def publish(self, live: LivePose) -> None:

@@ -51,6 +51,17 @@ _AMC_BONES: Final = (
     "rfemur", "rtibia", "rfoot", "rtoes", "lfemur", "ltibia", "lfoot", "ltoes",
 )  # fmt: skip
 
+_AMC_COLUMNS: Final = [_DOF_INDEX[bone + dof] for bone in _AMC_BONES for dof in CMU_DOFS[bone]]
+
+# Nine digits keep a millionth of a degree, of a millimetre too within 50 km.
+_FRAME: Final = "".join(
+    " ".join([name, *["%.9g"] * count]) + "\n"
+    for name, count in [("root", 6), *((bone, len(CMU_DOFS[bone])) for bone in _AMC_BONES)]
+)
+
+HEAD: Final = "# written by localreg\n:FULLY-SPECIFIED\n:DEGREES\n"
+"""All lines of a file before its first frame."""
+
 
 @dataclass(frozen=True)
 class _Table:
@@ -98,25 +109,24 @@ def write(motion: Motion, path: Path) -> None:
 
     The rate is lost, for the format has no place for it.
     """
-    columns = [_DOF_INDEX[bone + dof] for bone in _AMC_BONES for dof in CMU_DOFS[bone]]
-    euler = continuous_zyx(rotations_to_y_up(motion.qpos[:, 3:7]).as_matrix())[:, ::-1]
-    table = np.hstack(
-        [
-            positions_to_y_up(motion.qpos[:, :3]) / CMU_UNIT,
-            np.degrees(euler),
-            np.degrees(motion.angles[:, columns]),
-        ]
-    )
-    # Nine digits keep a millionth of a degree, of a millimetre too within 50 km.
-    frame = "\n".join(
-        " ".join([name, *["%.9g"] * count])
-        for name, count in [("root", 6), *((bone, len(CMU_DOFS[bone])) for bone in _AMC_BONES)]
-    )
-    parts = ["# written by localreg", ":FULLY-SPECIFIED", ":DEGREES"]
-    for number, row in enumerate(table.tolist(), start=1):
-        parts += [str(number), frame % tuple(row)]
+    euler = continuous_zyx(rotations_to_y_up(motion.qpos[:, 3:7]).as_matrix())
+    frames = enumerate(zip(motion.qpos, euler, strict=True), start=1)
+    text = "".join(frame_text(number, qpos, turn) for number, (qpos, turn) in frames)
     path.with_suffix(".asf").write_text(format_asf(motion.subject), encoding="utf-8")
-    path.write_text("\n".join([*parts, ""]), encoding="utf-8")
+    path.write_text(HEAD + text, encoding="utf-8")
+
+
+def frame_text(number: int, qpos: Float[ndarray, "63"], root: Float[ndarray, "3"]) -> str:
+    """The lines of one frame.
+
+    Args:
+        number: of the frame, from 1.
+        qpos: the pose.
+        root: the root's turn in a y-up world about z, y, x [rad].
+    """
+    position = positions_to_y_up(qpos[None, :3])[0] / CMU_UNIT
+    turns = np.degrees([*root[::-1], *qpos[7:][_AMC_COLUMNS]])
+    return f"{number}\n" + _FRAME % (*position.tolist(), *turns.tolist())
 
 
 def _skeleton(path: Path, options: ReadOptions) -> tuple[Skeleton, str]:

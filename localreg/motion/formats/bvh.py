@@ -115,19 +115,45 @@ def write(motion: Motion, path: Path) -> None:
     Six decimals keep a millionth of a degree and of a centimetre. Axis frames and tracker
     mounts are lost.
     """
-    turns = bone_rotations(motion.angles, motion.subject.axis_frames)
-    order = _depth_first("root")
-    root = rotations_to_y_up(motion.qpos[:, 3:7]).as_matrix()
-    columns = [positions_to_y_up(motion.qpos[:, :3]) / _WRITTEN_UNIT]
-    for bone in order:
-        turn = root if bone == "root" else turns[:, BONE_NAMES.index(bone)]
-        columns.append(np.degrees(continuous_zyx(turn)))
-    table = np.hstack(columns)
-    row = " ".join(["%.6f"] * table.shape[1])
-    lines = ["HIERARCHY", *_hierarchy("root", motion.subject, 0), "MOTION"]
-    lines += [f"Frames: {len(motion)}", f"Frame Time: {1.0 / motion.rate:.12f}"]
-    lines += [row % tuple(values) for values in table.tolist()]
-    path.write_text("\n".join([*lines, ""]), encoding="utf-8")
+    turns = joint_turns(motion.qpos, motion.subject)
+    angles = np.stack([continuous_zyx(turns[:, joint]) for joint in range(turns.shape[1])], axis=1)
+    lines = [row(p, a) for p, a in zip(motion.qpos[:, :3], angles, strict=True)]
+    head_text = head(motion.subject, motion.rate, str(len(motion)))
+    path.write_text("\n".join([head_text, *lines, ""]), encoding="utf-8")
+
+
+def head(subject: Subject, rate: float, frames: str) -> str:
+    """All lines of a file before its first frame.
+
+    Args:
+        subject: whose bones.
+        rate: frames a second [Hz].
+        frames: how many frames follow, as it is to be written.
+    """
+    lines = ["HIERARCHY", *_hierarchy("root", subject, 0), "MOTION"]
+    return "\n".join([*lines, f"Frames: {frames}", f"Frame Time: {1.0 / rate:.12f}"])
+
+
+def joint_turns(
+    qpos: Float[ndarray, "frames 63"], subject: Subject
+) -> Float[ndarray, "frames 31 3 3"]:
+    """Turn of every joint against its parent in the file's axes, in the order of a row."""
+    turns = bone_rotations(qpos[:, 7:], subject.axis_frames)
+    root = rotations_to_y_up(qpos[:, 3:7]).as_matrix()
+    order = [BONE_NAMES.index(bone) for bone in _depth_first("root")[1:]]
+    return np.concatenate([root[:, None], turns[:, order]], axis=1)
+
+
+def row(root: Float[ndarray, "3"], angles: Float[ndarray, "31 3"]) -> str:
+    """The line of one frame.
+
+    Args:
+        root: world position of the root [m].
+        angles: about z, y, x of every joint, in the order of `joint_turns` [rad].
+    """
+    position = positions_to_y_up(root[None])[0] / _WRITTEN_UNIT
+    values = [*position.tolist(), *np.degrees(angles).ravel().tolist()]
+    return " ".join(["%.6f"] * len(values)) % tuple(values)
 
 
 def _recognise(file: BvhFile) -> dict[str, Joint]:

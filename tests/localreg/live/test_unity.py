@@ -133,7 +133,7 @@ def test_every_bone_has_a_parent_that_comes_before_it():
 def test_trackers_turn_as_their_axes_do():
     """The axes of a tracker, converted one by one, are those of the converted rotation."""
     rng = np.random.default_rng(0)
-    turns = Rotation.random(20, rng=0)
+    turns = Rotation.random(20, rng=np.random.default_rng(0))
     wxyz = turns.as_quat(scalar_first=True)
     v = rng.normal(size=3)
     ours = positions_to_unity(turns.apply(v))
@@ -142,7 +142,7 @@ def test_trackers_turn_as_their_axes_do():
 
 
 def test_euler_angles_are_those_of_unity():
-    turns = Rotation.random(200, rng=1)
+    turns = Rotation.random(200, rng=np.random.default_rng(1))
     x, y, z = unity_euler(turns.as_quat()).T
     again = (
         Rotation.from_rotvec(np.outer(y, [0.0, 1.0, 0.0]))
