@@ -71,7 +71,7 @@ def _results(
     # Not pure: trials that look alike must not share a result.
     futures = [client.submit(_run_on_worker, held, trial, protocol, pure=False) for trial in trials]
     try:
-        for future in as_completed(futures):
+        for future in as_completed(futures, loop=client.loop):
             yield future.result()
             future.release()
     except (KilledWorker, FutureCancelledError, OSError) as error:
