@@ -30,16 +30,20 @@ The core is pure (`push`, `poll` with a given time), holds no thread and reads n
 
 import cmath
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, model_validator
 
 from sensors import rotation
 from sensors.errors import ConfigurationError
 from sensors.history import TrackerHistory
+from sensors.placement import RoomTransform
 from sensors.pose import PoseSample, TrackerFrame
+from sensors.settings import Settings
 
 _LOCK_SMOOTHING = 1.0 / 64.0
 _LOCK_CONCENTRATION = 0.9
@@ -50,8 +54,7 @@ _LAG_STEP = 0.02
 _LAG_MARGIN = 0.08
 
 
-@dataclass(frozen=True, slots=True)
-class AssemblerConfig:
+class AssemblerConfig(Settings):
     """Settings; times that are None follow from the rate.
 
     Attributes:
@@ -69,31 +72,38 @@ class AssemblerConfig:
         min_quality: samples of this quality or less are refused; 0 is a lost tracker.
         lock_phase: let the grid of instants settle on the sample times.
         max_backlog: if nobody polled for this many periods, older frames are skipped.
+        swap_distance: two trackers that both jump farther than this, each to where the
+            other was expected, are reported as swapped [m].
+
+    Raises:
+        ConfigurationError: a value that cannot be.
     """
 
-    rate: float = 40.0
-    delay: float = 0.0125
-    tolerance: float | None = None
-    max_extrapolation: float | None = None
-    max_gap: float | None = None
-    stale_after: float | None = None
-    max_skew: float = 0.1
-    min_quality: float = 0.0
+    rate: float = Field(default=40.0, gt=0.0, le=1000.0)
+    delay: float = Field(default=0.0125, ge=0.0, le=1.0)
+    tolerance: float | None = Field(default=None, ge=0.0)
+    max_extrapolation: float | None = Field(default=None, ge=0.0)
+    max_gap: float | None = Field(default=None, gt=0.0)
+    stale_after: float | None = Field(default=None, gt=0.0)
+    max_skew: float = Field(default=0.1, ge=0.0)
+    min_quality: float = Field(default=0.0, ge=0.0, lt=1.0)
     lock_phase: bool = True
-    max_backlog: int = 8
+    max_backlog: int = Field(default=8, ge=1)
+    swap_distance: float = Field(default=0.15, gt=0.0)
 
-    def __post_init__(self) -> None:
-        if not (math.isfinite(self.rate) and self.rate > 0.0):
-            raise ConfigurationError(f"rate is {self.rate} Hz; give a positive number, like 40")
-        if self.delay < 0.0 or self.max_backlog < 1:
-            raise ConfigurationError("delay must not be negative and max_backlog at least 1")
-        if self.max_extrapolation is not None and not (
-            0.0 <= self.max_extrapolation <= 1.0 / self.rate
-        ):
-            raise ConfigurationError(
+    @classmethod
+    def title_of(cls, values: Mapping[str, Any]) -> str:
+        """The table of a configuration file."""
+        return "assembler"
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.max_extrapolation is not None and self.max_extrapolation > 1.0 / self.rate:
+            raise ValueError(
                 f"max_extrapolation is {self.max_extrapolation} s; give 0 to one period, "
                 f"{1.0 / self.rate:.4g} s: longer pauses are masked, not coasted over"
             )
+        return self
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,12 +116,20 @@ class AssembledFrame:
             NaN if none did. Latency counts from here.
         closed_at: the `now` at which the frame was closed [s].
         index: number of the instant since the first; a gap is a skipped frame.
+        swaps: pairs of trackers that seem to have changed places since the frame before.
     """
 
     frame: TrackerFrame
     newest_arrival: float
     closed_at: float
     index: int
+    swaps: tuple[tuple[str, str], ...] = ()
+
+    def placed(self, transform: RoomTransform) -> "AssembledFrame":
+        """The same frame in the room."""
+        frame = self.frame
+        positions, quaternions = transform.apply(frame.positions, frame.quaternions)
+        return replace(self, frame=frame._replace(positions=positions, quaternions=quaternions))
 
 
 @dataclass(slots=True)

@@ -31,3 +31,7 @@ class LinkLostError(ConnectionFailedError):
 
 class PlaybackError(SensorError):
     """A playback file that cannot be used."""
+
+
+class RecordingError(SensorError):
+    """A recording that cannot be made, or a file that is none."""

@@ -1,49 +1,44 @@
-"""Drivers by name; each is imported only when used."""
+"""From settings to drivers."""
 
-import dataclasses
-import importlib
-from collections.abc import Mapping
+from collections.abc import Callable
+from typing import Any
 
-from sensors.devices.base import Device
+from sensors.devices.base import ChunkSink, Device
+from sensors.devices.decoder import Decoder
+from sensors.devices.is900 import Is900Config, Is900Decoder, Is900Device
+from sensors.devices.settings import DeviceSettings
 from sensors.errors import ConfigurationError
 from sensors.stream import SampleQueue
 
-DRIVERS: dict[str, tuple[str, str, str]] = {
-    "is900": ("sensors.devices.is900", "Is900Device", "Is900Config"),
+_DEVICES: dict[type[DeviceSettings], tuple[Callable[..., Device], Callable[[Any], Decoder]]] = {
+    Is900Config: (Is900Device, Is900Decoder),
 }
 
 
-def create_device(
-    driver: str, settings: Mapping[str, object], samples: SampleQueue | None = None
+def open_device(
+    config: DeviceSettings,
+    samples: SampleQueue | None = None,
+    recorder: ChunkSink | None = None,
 ) -> Device:
-    """Make a device from a configuration file's table; it is not started.
+    """The driver for some settings; it is not started.
 
     Args:
-        driver: a key of `DRIVERS`.
-        settings: fields of the driver's configuration class.
+        config: settings of one of the drivers, see `sensors.config.DeviceConfig`.
         samples: where samples go; by default a queue of its own.
-
-    Raises:
-        ConfigurationError: for an unknown driver or setting, listing the valid ones.
+        recorder: who gets every chunk.
     """
-    if driver not in DRIVERS:
-        raise ConfigurationError(f"no device is called {driver!r}; there are {', '.join(DRIVERS)}")
-    module_name, device_name, config_name = DRIVERS[driver]
-    module = importlib.import_module(module_name)
-    config_class = getattr(module, config_name)
-    fields = [f for f in dataclasses.fields(config_class) if f.init]
-    valid = {f.name for f in fields}
-    unknown = sorted(set(settings) - valid)
-    missing = sorted(f.name for f in fields if _required(f) and f.name not in settings)
-    if unknown or missing:
-        problem = f"unknown {', '.join(unknown)}" if unknown else f"missing {', '.join(missing)}"
-        raise ConfigurationError(
-            f"settings of {driver}: {problem}; there are {', '.join(sorted(valid))}"
-        )
-    # TOML has lists where the configuration has tuples.
-    values = {k: tuple(v) if isinstance(v, list) else v for k, v in settings.items()}
-    return getattr(module, device_name)(config_class(**values), samples)
+    return _entry(config)[0](config, samples, recorder)
 
 
-def _required(f: dataclasses.Field[object]) -> bool:
-    return f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING
+def make_decoder(config: DeviceSettings) -> Decoder:
+    """The decoder of a device without the device, for replaying its chunks."""
+    return _entry(config)[1](config)
+
+
+def _entry(
+    config: DeviceSettings,
+) -> tuple[Callable[..., Device], Callable[[Any], Decoder]]:
+    entry = _DEVICES.get(type(config))
+    if entry is None:
+        raise ConfigurationError(f"there is no driver for {type(config).__name__}")
+    return entry

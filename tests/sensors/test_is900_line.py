@@ -16,7 +16,8 @@ import serial
 
 from sensors import rotation
 from sensors.assembler import AssemblerConfig, FrameAssembler
-from sensors.devices import create_device
+from sensors.config import device_config
+from sensors.devices import open_device
 from sensors.devices.is900 import Is900Config, Is900Device
 from sensors.emulators.endpoints import Endpoint, PtyEndpoint, TcpEndpoint
 from sensors.emulators.faults import Dropout, Jump, Junk, PowerCycle, Silence, Truncation
@@ -41,7 +42,13 @@ def eventually(condition: Callable[[], bool], what: str) -> None:
 
 
 def config(address: str, **settings) -> Is900Config:
-    quick = {"pause": 0.05, "max_pause": 0.2, "reset_timeout": 3.0, "silence_timeout": 0.5}
+    quick = {
+        "pause": 0.05,
+        "max_pause": 0.2,
+        "max_reset_pause": 0.2,
+        "reset_timeout": 3.0,
+        "silence_timeout": 0.5,
+    }
     return Is900Config(port=address, stations=STATIONS, **{**quick, **settings})
 
 
@@ -141,8 +148,8 @@ def test_ascii_poll(endpoint):
 
 def test_from_emulator_to_frames(endpoint):
     with Is900Emulator(wandering(6), endpoint=endpoint) as emulator:
-        device = create_device(
-            "is900", {"port": emulator.address, "stations": STATIONS, "pause": 0.1}
+        device = open_device(
+            device_config({"driver": "is900", "port": emulator.address, "stations": STATIONS})
         )
         assembler = FrameAssembler(NAMES, AssemblerConfig(rate=40.0))
         with device:
@@ -283,9 +290,9 @@ def test_dropout_and_jump_reach_the_frames():
     assert sum(bool(m[3]) for m in masks) > 20
 
 
-def test_room_transform_of_the_configuration_is_applied():
+def test_the_placement_of_the_configuration_is_applied():
     with Is900Emulator(lambda t: wandering(6)(0.0)) as emulator:
-        turned = config(emulator.address, room_yaw=90.0, room_translation=(0.0, 0.0, 1.0))
+        turned = config(emulator.address, placement={"yaw": 90.0, "translation": (0.0, 0.0, 1.0)})
         with Is900Device(turned) as device:
             eventually(lambda: record_count(device) > 6, "records")
             sample, _ = device.samples.drain(1.0)[0]
@@ -351,9 +358,13 @@ def test_addresses_that_cannot_be_had():
 @pytest.mark.parametrize(
     ("driver", "settings", "words"),
     [
-        ("is800", {}, "there are is900"),
-        ("is900", {"stations": {"head": 1}}, "missing port"),
-        ("is900", {"port": "x", "stations": {"head": 1}, "speed": 3}, "unknown speed"),
+        ("is800", {}, "did you mean is900?"),
+        ("is900", {"stations": {"head": 1}}, "setting port is missing"),
+        (
+            "is900",
+            {"port": "x", "stations": {"head": 1}, "bawd": 3},
+            "did you mean baud",
+        ),
         ("is900", {"port": "x", "stations": {"head": 13}}, "1 to 12"),
         ("is900", {"port": "x", "stations": {"a": 1, "b": 1}}, "of its own"),
         ("is900", {"port": "x", "stations": {"a": 1}, "items": [2, 1]}, "no pose"),
@@ -362,4 +373,4 @@ def test_addresses_that_cannot_be_had():
 )
 def test_settings_that_make_no_device(driver, settings, words):
     with pytest.raises(ConfigurationError, match=words):
-        create_device(driver, settings)
+        device_config({"driver": driver, **settings})

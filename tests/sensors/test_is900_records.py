@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 from sensors import rotation
 from sensors.errors import MalformedRecordError, ProtocolError
-from sensors.protocols.is900 import Item, Record, RoomTransform, Status, Unit, layout_variants
+from sensors.placement import RoomTransform
+from sensors.protocols.is900 import Item, Record, Status, Unit, layout_variants
 from sensors.protocols.is900.axes import flip_position, flip_quaternion
 from sensors.protocols.is900.responses import (
     Response,

@@ -5,9 +5,9 @@ everything else the device says, `commands` what the host says, `parser` the str
 `axes` the way from the device's frame to the world.
 """
 
-from sensors.protocols.is900.axes import RoomTransform, flip_position, flip_quaternion
+from sensors.protocols.is900.axes import flip_position, flip_quaternion
 from sensors.protocols.is900.items import Item, Unit
-from sensors.protocols.is900.parser import Parser, ParserCounters
+from sensors.protocols.is900.parser import Parser
 from sensors.protocols.is900.records import Limits, Record, RecordLayout, layout_variants
 from sensors.protocols.is900.responses import (
     Response,
@@ -21,11 +21,9 @@ __all__ = [
     "Item",
     "Limits",
     "Parser",
-    "ParserCounters",
     "Record",
     "RecordLayout",
     "Response",
-    "RoomTransform",
     "Status",
     "Unit",
     "flip_position",

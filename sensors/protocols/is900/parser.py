@@ -8,9 +8,9 @@ goes on one byte further, so a truncated record costs itself and not its success
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
 
 from sensors.errors import MalformedRecordError
+from sensors.protocols.counters import ParserCounters
 from sensors.protocols.is900.items import Unit
 from sensors.protocols.is900.records import (
     DEFAULT_LIMITS,
@@ -32,25 +32,6 @@ from sensors.protocols.is900.responses import (
 )
 
 _HEADS = b"0" + RESPONSE_TYPES
-
-
-@dataclass(slots=True)
-class ParserCounters:
-    """What the parser has seen; only grows.
-
-    Attributes:
-        records: good data records.
-        responses: good answers.
-        bad_records: record heads whose record turned out malformed.
-        skipped_bytes: bytes that belong to nothing good.
-        bad_by_station: malformed records by the station their head named.
-    """
-
-    records: int = 0
-    responses: int = 0
-    bad_records: int = 0
-    skipped_bytes: int = 0
-    bad_by_station: dict[int, int] = field(default_factory=dict)
 
 
 class _Incomplete(Exception):  # noqa: N818 - control flow, not an error
