@@ -276,7 +276,7 @@ def _disturb(
     else:
         growths = loss_growth(motions, database, protocol, run, progress=progress)
     if not to_output:
-        output().print(growth_table(growths))
+        output().print(growth_table(growths).to_rich())
     entries = [
         {**asdict(g), "mpjpe_growth": g.mpjpe_growth, "angle_growth": g.angle_growth}
         for g in growths
@@ -287,17 +287,17 @@ def _disturb(
 def _print(evaluation: "Evaluation", console: "Console", *, verbose: bool) -> None:
     from localreg.commands import evaluation_tables as tables
 
-    console.print(tables.mean_table(evaluation))
+    console.print(tables.mean_table(evaluation).to_rich())
     if len(evaluation.methods) > 1:
-        console.print(tables.difference_table(evaluation))
-    console.print(tables.worst_table(evaluation))
+        console.print(tables.difference_table(evaluation).to_rich())
+    console.print(tables.worst_table(evaluation).to_rich())
     for line in tables.worse_lines(evaluation):
         console.print(line)
-    console.print(tables.more_table(evaluation))
+    console.print(tables.more_table(evaluation).to_rich())
     if verbose:
-        console.print(tables.activity_table(evaluation))
-        console.print(tables.joint_table(evaluation))
-        console.print(tables.clip_table(evaluation))
+        console.print(tables.activity_table(evaluation).to_rich())
+        console.print(tables.joint_table(evaluation).to_rich())
+        console.print(tables.clip_table(evaluation).to_rich())
 
 
 def _names(text: str) -> tuple[str, ...]:

@@ -4,8 +4,8 @@ import math
 from typing import Final
 
 import numpy as np
-from rich.table import Table
 
+from localreg.commands.grids import Grid
 from localreg.evaluation.metrics import FIGURES, Figures, mean_figures
 from localreg.evaluation.results import Evaluation
 from localreg.evaluation.robustness import Growth
@@ -37,7 +37,7 @@ _PLACELESS: Final = (
 )
 
 
-def mean_table(evaluation: Evaluation) -> Table:
+def mean_table(evaluation: Evaluation) -> Grid:
     """Means over clips by method and signals; the last row has the truth's own figures."""
     clips = len({clip.name for clip in evaluation.clips})
     table = _table("method", "signals", title=f"Means over {clips} clips")
@@ -57,7 +57,7 @@ def mean_table(evaluation: Evaluation) -> Table:
     return table
 
 
-def worst_table(evaluation: Evaluation) -> Table:
+def worst_table(evaluation: Evaluation) -> Grid:
     """The clips with the greatest joint angle errors, by method and signals."""
     table = _table("method", "signals", "worst clips", title="Worst clips")
     for method, kinds in evaluation.means().items():
@@ -70,7 +70,7 @@ def worst_table(evaluation: Evaluation) -> Table:
     return table
 
 
-def clip_table(evaluation: Evaluation) -> Table:
+def clip_table(evaluation: Evaluation) -> Grid:
     """Every clip with every method and kind of signals."""
     table = _table("clip", "frames", "method", "signals", title="Clips")
     for clip in sorted(evaluation.clips, key=lambda clip: clip.name):
@@ -78,7 +78,7 @@ def clip_table(evaluation: Evaluation) -> Table:
     return table
 
 
-def activity_table(evaluation: Evaluation) -> Table:
+def activity_table(evaluation: Evaluation) -> Grid:
     """Means by what is done in the clips."""
     table = _table("activity", "clips", "method", "signals", title="Activities")
     rows: dict[str, list[tuple[str, ...]]] = {}
@@ -96,31 +96,26 @@ def activity_table(evaluation: Evaluation) -> Table:
     return table
 
 
-def joint_table(evaluation: Evaluation) -> Table:
+def joint_table(evaluation: Evaluation) -> Grid:
     """Turn errors of every bone, one column for every method and kind of signals."""
     columns = [
         (method, signals) for method, kinds in evaluation.means().items() for signals in kinds
     ]
-    table = Table("bone", *("\n".join(column) for column in columns), title="Bone turns [deg]")
-    for column in table.columns[1:]:
-        column.justify = "right"
+    table = Grid("Bone turns [deg]", ["bone", *("\n".join(column) for column in columns)])
     errors = [by_joint(evaluation.of(*column))["geodesic_error_deg"] for column in columns]
     for bone in errors[0]:
         table.add_row(bone, *(_cell(error[bone]) for error in errors))
     return table
 
 
-def difference_table(evaluation: Evaluation) -> Table:
+def difference_table(evaluation: Evaluation) -> Grid:
     """The first method against every other, with paired bootstrap intervals over clips."""
     first = evaluation.methods[0]
-    table = Table(
-        f"{first} minus",
-        "signals",
-        *(_TITLES[figure] for figure in COMPARED),
-        title=f"Differences and their {LEVEL:.0%} intervals (* excludes zero)",
+    table = Grid(
+        f"Differences and their {LEVEL:.0%} intervals (* excludes zero)",
+        [f"{first} minus", "signals", *(_TITLES[figure] for figure in COMPARED)],
+        left=2,
     )
-    for column in table.columns[2:]:
-        column.justify = "right"
     for method, kinds in evaluation.means().items():
         if method == first:
             continue
@@ -134,15 +129,15 @@ def difference_table(evaluation: Evaluation) -> Table:
     return table
 
 
-def more_table(evaluation: Evaluation) -> Table:
+def more_table(evaluation: Evaluation) -> Grid:
     """Calibration, jitter and skate against the truth's, recovery, and time a frame."""
-    table = Table(
-        "method", "signals", "error / predicted\ndeviation", "jitter /\ntruth's",
-        "foot skate -\ntruth's [cm/s]", "back after\na gap [s]", "frame, median\n[ms]",
-        "99 %\n[ms]", "frames/s", title="Calibration, smoothness, time",
+    table = Grid(
+        "Calibration, smoothness, time",
+        ["method", "signals", "error / predicted\ndeviation", "jitter /\ntruth's",
+         "foot skate -\ntruth's [cm/s]", "back after\na gap [s]", "frame, median\n[ms]",
+         "99 %\n[ms]", "frames/s"],
+        left=2,
     )  # fmt: skip
-    for column in table.columns[2:]:
-        column.justify = "right"
     timing = evaluation.timing()
     for method, kinds in evaluation.means().items():
         for signals in kinds:
@@ -156,15 +151,15 @@ def more_table(evaluation: Evaluation) -> Table:
     return table
 
 
-def growth_table(growths: list[Growth]) -> Table:
+def growth_table(growths: list[Growth]) -> Grid:
     """What disturbances cost."""
-    table = Table(
-        "disturbance", "method", "signals", "clips", "MPJPE [cm]\nwithout", "MPJPE [cm]\nwith",
-        "growth\n[%]", "joint angle [deg]\nwithout", "joint angle [deg]\nwith", "growth\n[%]",
-        "frames until\nwithin 110 %", "slowest\nclip", title="Disturbances",
+    table = Grid(
+        "Disturbances",
+        ["disturbance", "method", "signals", "clips", "MPJPE [cm]\nwithout", "MPJPE [cm]\nwith",
+         "growth\n[%]", "joint angle [deg]\nwithout", "joint angle [deg]\nwith", "growth\n[%]",
+         "frames until\nwithin 110 %", "slowest\nclip"],
+        left=3,
     )  # fmt: skip
-    for column in table.columns[3:]:
-        column.justify = "right"
     for growth in growths:
         slowest = growth.slowest_to_recover
         table.add_row(
@@ -200,11 +195,8 @@ def worse_lines(evaluation: Evaluation) -> list[str]:
     return lines
 
 
-def _table(*first: str, title: str) -> Table:
-    table = Table(*first, title=title)
-    for name in FIGURES:
-        table.add_column(_TITLES[name], justify="right")
-    return table
+def _table(*first: str, title: str) -> Grid:
+    return Grid(title, [*first, *(_TITLES[name] for name in FIGURES)], len(first))
 
 
 def _cells(figures: Figures) -> list[str]:

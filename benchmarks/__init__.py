@@ -1,0 +1,1 @@
+"""Benchmarks: figures beyond the evaluation's own, each by one command."""

@@ -1,0 +1,192 @@
+"""mink against this project's methods, on the same frames in the same run.
+
+    python -m benchmarks.versus_mink sample --json mink.json
+    python -m benchmarks.versus_mink sample --tune
+
+mink gets what inverse kinematics gets here: the trackers with their expected deviations,
+anatomical joint limits, eight starts for the first frame, and once more the true first pose
+(`mink-truth`). Its posture task, its rounds and its damping were tuned by `--tune` on the
+same tuning clips as everything else (`benchmarks.tuning`), for the least joint angle error
+with both signals, the mean of a cold and of a true start.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from benchmarks.mink_estimator import MinkEstimator, MinkSettings
+from benchmarks.tuning import tuning_clips
+from localreg.commands.console import notes, output, progress_bar
+from localreg.commands.evaluation_tables import (
+    activity_table,
+    difference_table,
+    mean_table,
+    more_table,
+    worse_lines,
+)
+from localreg.commands.reading import OverridesFile, SourceRate, Sources, read
+from localreg.compile_cache import keep_compiled_code
+from localreg.database import PoseDatabase
+from localreg.evaluation.body_points import BodyPoints
+from localreg.evaluation.leave_one_out import Progress
+from localreg.evaluation.metrics import compare
+from localreg.evaluation.playback import play
+from localreg.evaluation.protocol import Protocol, Trial, plan_trials
+from localreg.evaluation.results import (
+    ClipResult,
+    Evaluation,
+    Settings,
+    program_version,
+    write_json,
+)
+from localreg.evaluation.summaries import badness, to_json
+from localreg.evaluation.trackers import simulate_trackers
+from localreg.evaluation.worker import Worker
+from localreg.motion.motion import Motion
+from localreg.synthesis.methods import build_estimator
+
+TUNED = MinkSettings()
+"""What `--tune` found best on the sample set's tuning clips (5.47 degrees over both starts; with
+20 rounds the same, drawn to the standing posture 8.4)."""
+
+_GRID = [
+    MinkSettings(float(np.radians(posture)), is_previous, rounds, damping)
+    for is_previous, posture, rounds, damping in product(
+        (True, False), (3.0, 6.0, 12.0, 25.0, 50.0), (5, 20), (1e-6,)
+    )
+]
+
+
+def run_clips(
+    motions: Sequence[Motion],
+    database: PoseDatabase,
+    protocol: Protocol,
+    settings: MinkSettings = TUNED,
+    progress: Progress | None = None,
+) -> Evaluation:
+    """Our methods and mink by turns, clip by clip, in this process.
+
+    Args:
+        motions: the test clips.
+        database: what our methods learn from.
+        protocol: of our methods; mink has the same signals, trackers, noise and seed.
+        settings: mink's.
+        progress: is told after every clip.
+    """
+    trials, short = plan_trials(motions, database, protocol)
+    worker, results = Worker(database), []
+    for number, trial in enumerate(trials, start=1):
+        results += worker.run(trial, protocol)
+        results += mink_results(trial, protocol, settings)
+        if progress is not None:
+            progress(number, len(trials), trial.motion.provenance.name)
+    order = [*protocol.methods, "mink", "mink-truth"]
+    results.sort(key=lambda clip: (order.index(clip.method), protocol.signals.index(clip.signals)))
+    quality = protocol.quality
+    return Evaluation(
+        Settings(
+            database.rate, protocol.seed, protocol.start, quality.noise_position,
+            float(np.degrees(quality.noise_orientation)),
+            f"leave-out {protocol.leave_out or 'copies'}", program_version(),
+        ),
+        tuple(results),
+        tuple(short),
+        {"mink": settings._asdict(), "trackers": protocol.trackers},
+    )  # fmt: skip
+
+
+def mink_results(trial: Trial, protocol: Protocol, settings: MinkSettings) -> list[ClipResult]:
+    """mink on one clip, from a cold start and from the truth, with every kind of signals."""
+    motion = trial.motion
+    body = BodyPoints(motion.subject)
+    estimator = mink_estimator(motion, settings)
+    results = []
+    for signals in protocol.signals:
+        quality = replace(protocol.quality, signals=signals)
+        trackers = simulate_trackers(motion, quality, seed=protocol.seed, body=body)
+        for name, start in (("mink", None), ("mink-truth", motion.qpos[0])):
+            playback = play(estimator, trackers, true_start=start)
+            comparison = compare(motion, playback.qpos, body=body)
+            made = motion.provenance
+            results.append(
+                ClipResult(
+                    made.name, len(motion), name, signals, comparison, playback.step_ms,
+                    made.subject, made.activity,
+                )
+            )  # fmt: skip
+    return results
+
+
+def mink_estimator(motion: Motion, settings: MinkSettings) -> MinkEstimator:
+    """mink with the starts of our own inverse kinematics."""
+    starts = np.array(build_estimator("ik", motion.subject).prior.starts)  # type: ignore[attr-defined]
+    return MinkEstimator(motion.subject, motion.rate, starts, settings)
+
+
+def tune(
+    trials: Sequence[Trial], protocol: Protocol, progress: Progress
+) -> list[tuple[float, MinkSettings]]:
+    """Every setting of the grid with its joint angle error [deg], the best first."""
+    found = []
+    for number, settings in enumerate(_GRID, start=1):
+        clips = [clip for trial in trials for clip in mink_results(trial, protocol, settings)]
+        error = float(np.mean([badness(clip.figures) for clip in clips]))
+        found.append((error, settings))
+        progress(number, len(_GRID), f"{error:.2f} deg")
+    return sorted(found, key=lambda entry: entry[0])
+
+
+def main(
+    sources: Sources,
+    methods: Annotated[str, typer.Option(help="Ours, with commas.")] = "localreg,ik,ik-truth",
+    signals: Annotated[str, typer.Option(help="What trackers measure.")] = "both",
+    max_frames: Annotated[int | None, typer.Option(help="Only so many frames a clip.")] = None,
+    source_rate: SourceRate = None,
+    overrides: OverridesFile = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of the noise.")] = 0,
+    tuning: Annotated[
+        bool, typer.Option("--tune", help="Try mink's settings on the tuning clips instead.")
+    ] = False,
+    json_file: Annotated[
+        Path | None, typer.Option("--json", metavar="FILE", help="Also write every figure.")
+    ] = None,
+) -> None:
+    """Compare mink with this project's methods on the same frames."""
+    keep_compiled_code()
+    motions, _ = read(sources, source_rate, overrides)
+    if tuning:
+        motions = tuning_clips(motions)
+    database = PoseDatabase.build(motions)
+    protocol = Protocol(
+        methods=tuple(methods.split(",")),
+        signals=tuple(signals.split(",")),
+        max_frames=max_frames,
+        seed=seed,
+    )
+    console = output()
+    if tuning:
+        protocol = replace(protocol, methods=("ik",))
+        trials, _ = plan_trials(motions, database, protocol)
+        with progress_bar("tuning mink") as bar:
+            for error, settings in tune(trials, protocol, bar)[:10]:
+                console.print(f"{error:.3f} deg  {settings}")
+        return
+    with progress_bar("mink and ours") as bar:
+        evaluation = run_clips(motions, database, protocol, progress=bar)
+    if evaluation.too_short:
+        notes().print(f"too short to be a test: {', '.join(evaluation.too_short)}")
+    for table in (mean_table, difference_table, activity_table, more_table):
+        console.print(table(evaluation).to_rich())
+    for line in worse_lines(evaluation):
+        console.print(line)
+    if json_file is not None:
+        write_json(to_json(evaluation), json_file)
+
+
+if __name__ == "__main__":
+    typer.run(main)
