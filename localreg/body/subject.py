@@ -5,6 +5,7 @@ body model is built from. On disk it is a small TOML file that people can read a
 """
 
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self
@@ -71,6 +72,39 @@ DEFAULT_TRACKERS: dict[str, str] = {
 """The six trackers and the bones at whose far ends they sit, turned as the bones."""
 
 
+@dataclass(frozen=True, slots=True)
+class CalibrationRecord:
+    """How a subject was calibrated, and how well its numbers are known.
+
+    Attributes:
+        date: when, as ISO 8601 text.
+        method: how, for example `"eight poses"`.
+        poses: names of the poses that counted.
+        pose_error: estimated error of a joint about each axis while a pose was held [rad].
+        chi_square: sum of squared standardized residuals per degree of freedom; near 1 when
+            model and measurements agree.
+        lengths_from: what the penalty on lengths was learned from.
+        length_sd: standard deviation of each bone's length, by bone [m].
+        position_sd: of each mount's position on each axis, by tracker [m].
+        orientation_sd: of each mount's orientation about each axis, by tracker [rad].
+        observable: bones whose length the trackers themselves told, rather than the
+            proportions that people usually have.
+        notes: what was found amiss.
+    """
+
+    date: str
+    method: str = ""
+    poses: tuple[str, ...] = ()
+    pose_error: float = float("nan")
+    chi_square: float = float("nan")
+    lengths_from: str = ""
+    length_sd: Mapping[str, float] = field(default_factory=dict)
+    position_sd: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    orientation_sd: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    observable: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
 @dataclass(frozen=True, eq=False)
 class Subject:
     """Proportions of one person in the canonical skeleton, and the tracker mounts.
@@ -81,6 +115,7 @@ class Subject:
         directions: unit vectors from start to end of each bone in root axes at rest.
         axis_frames: axis frame C of each bone (see `skeleton`), rotation matrices.
         mounts: the trackers; by default the six of `DEFAULT_TRACKERS`.
+        calibration: how well all this is known, if it was calibrated.
     """
 
     name: str
@@ -88,6 +123,7 @@ class Subject:
     directions: Float[ndarray, "30 3"]
     axis_frames: Float[ndarray, "30 3 3"]
     mounts: tuple[Mount, ...] = field(default=())
+    calibration: CalibrationRecord | None = None
 
     def __post_init__(self) -> None:
         if not np.all(np.isfinite(self.lengths)) or np.any(self.lengths < 0):
@@ -161,6 +197,7 @@ class Subject:
             directions=self.directions[_MIRROR_INDEX] * reflect,
             axis_frames=reflect[:, None] * self.axis_frames[_MIRROR_INDEX] * reflect,
             mounts=(),
+            calibration=None,
         )
 
     def same_proportions(self, other: "Subject") -> bool:
@@ -187,7 +224,7 @@ def write_subject(subject: Subject, path: Path) -> None:
     Raises:
         SubjectError: the file cannot be written.
     """
-    document = {
+    document: dict[str, Any] = {
         "version": FORMAT_VERSION,
         "name": subject.name,
         "units": "metres, quaternions w x y z, bone frames as in the canonical skeleton",
@@ -211,6 +248,8 @@ def write_subject(subject: Subject, path: Path) -> None:
             for mount in subject.mounts
         ],
     }
+    if subject.calibration is not None:
+        _add_calibration(document, subject.calibration)
     try:
         path.write_text(tomli_w.dumps(document), encoding="utf-8")
     except OSError as error:
@@ -263,7 +302,60 @@ def _subject_from_document(document: dict[str, Any]) -> Subject:
         )
         for mount in document.get("mounts", [])
     )
-    return Subject(str(document.get("name", "unnamed")), lengths, directions, frames, mounts)
+    name, record = str(document.get("name", "unnamed")), _calibration_from_document(document)
+    return Subject(name, lengths, directions, frames, mounts, record)
+
+
+def _add_calibration(document: dict[str, Any], record: CalibrationRecord) -> None:
+    """Deviations beside the numbers they belong to, the rest in a table of its own."""
+    for bone, deviation in record.length_sd.items():
+        document["bones"][bone]["length_sd"] = deviation
+    for mount in document["mounts"]:
+        if mount["tracker"] in record.position_sd:
+            mount["position_sd"] = list(record.position_sd[mount["tracker"]])
+        if mount["tracker"] in record.orientation_sd:
+            degrees = np.degrees(record.orientation_sd[mount["tracker"]])
+            mount["orientation_sd_deg"] = degrees.tolist()
+    document["calibration"] = {
+        "date": record.date,
+        "method": record.method,
+        "poses": list(record.poses),
+        "pose_error_deg": float(np.degrees(record.pose_error)),
+        "chi_square": record.chi_square,
+        "lengths_from": record.lengths_from,
+        "observable": list(record.observable),
+        "notes": list(record.notes),
+    }
+
+
+def _calibration_from_document(document: dict[str, Any]) -> CalibrationRecord | None:
+    table = document.get("calibration")
+    if table is None:
+        return None
+    mounts = document.get("mounts", [])
+    return CalibrationRecord(
+        date=str(table["date"]),
+        method=str(table.get("method", "")),
+        poses=tuple(map(str, table.get("poses", ()))),
+        pose_error=float(np.radians(table.get("pose_error_deg", np.nan))),
+        chi_square=float(table.get("chi_square", np.nan)),
+        lengths_from=str(table.get("lengths_from", "")),
+        length_sd={
+            name: float(bone["length_sd"])
+            for name, bone in document.get("bones", {}).items()
+            if "length_sd" in bone
+        },
+        position_sd={
+            str(m["tracker"]): _floats(m["position_sd"], 3) for m in mounts if "position_sd" in m
+        },
+        orientation_sd={
+            str(m["tracker"]): tuple(np.radians(_floats(m["orientation_sd_deg"], 3)).tolist())
+            for m in mounts
+            if "orientation_sd_deg" in m
+        },
+        observable=tuple(map(str, table.get("observable", ()))),
+        notes=tuple(map(str, table.get("notes", ()))),
+    )
 
 
 def _floats(values: Any, count: int) -> Any:

@@ -1,5 +1,7 @@
 """Subjects: the TOML round trip, and what is refused in which words."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from localreg.body.skeleton import BONE_NAMES, default_offsets
 from localreg.body.subject import (
     DEFAULT_TRACKERS,
+    CalibrationRecord,
     Mount,
     Subject,
     canonical_subject,
@@ -149,3 +152,40 @@ def test_a_bone_of_no_length_keeps_the_usual_direction():
     subject = Subject.from_offsets("flat", offsets)
     np.testing.assert_allclose(subject.directions[3], canonical_subject().directions[3])
     assert subject.lengths[3] == 0.0
+
+
+def test_what_a_calibration_says_survives_the_file(tmp_path):
+    record = CalibrationRecord(
+        date="2026-01-02T03:04:05+00:00",
+        method="eight poses",
+        poses=("T", "bow"),
+        pose_error=0.05,
+        chi_square=1.1,
+        lengths_from="published table",
+        length_sd={"lfemur": 0.004, "head": 0.01},
+        position_sd={"front": (0.001, 0.002, 0.003)},
+        orientation_sd={"front": (0.01, 0.02, 0.03), "belt": (0.1, 0.2, 0.3)},
+        observable=("lfemur",),
+        notes=("pose T was mirrored",),
+    )
+    subject = replace(make_subject(2), calibration=record)
+    path = tmp_path / "calibrated.toml"
+    write_subject(subject, path)
+    back = read_subject(path).calibration
+    assert back is not None
+    assert back.pose_error == pytest.approx(record.pose_error)
+    for tracker, deviations in record.orientation_sd.items():
+        assert back.orientation_sd[tracker] == pytest.approx(deviations)
+    same = {"pose_error": record.pose_error, "orientation_sd": record.orientation_sd}
+    assert replace(back, **same) == record
+    assert "length_sd" in path.read_text()
+    assert subject.mirrored().calibration is None
+
+
+def test_a_file_without_a_calibration_has_none(tmp_path):
+    path = tmp_path / "plain.toml"
+    write_subject(make_subject(3), path)
+    assert read_subject(path).calibration is None
+    path.write_text("version = 1\n[calibration]\nmethod = 'no date'\n")
+    with pytest.raises(SubjectError, match="date"):
+        read_subject(path)
