@@ -37,6 +37,9 @@ BUILT_IN: Final = {
     ),
     "data": Command("localreg.commands.data:app", "Motions to learn from: what there is."),
     "db": Command("localreg.commands.db:app", "Build a pose database, or look at one."),
+    "run": Command(
+        "localreg.commands.run:app", "Turn live trackers into motion and send it out, for hours."
+    ),
     "synthesize": Command("localreg.commands.synthesize:app", "Turn trackers into a motion file."),
     "evaluate": Command(
         "localreg.commands.evaluate:app", "Measure how well motion is synthesized."

@@ -18,24 +18,30 @@ without haste. After `max_waiting` of them the loop waits: better late than a fr
 
 from collections.abc import Callable
 from concurrent.futures import Executor, Future, wait
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import jax
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
+from pydantic import Field
 
 from localreg.live.counters import LiveCounters
 from localreg.synthesis.estimator import AnyEstimator, Pose, Result
 from sensors.pose import TrackerFrame
+from sensors.settings import Settings
 
 EstimatorAt = Callable[[float], AnyEstimator]
 """Which estimator serves the frame of an instant [s]; another object is another performer."""
 
+Wait = Callable[[Future[Any], float | None], bool]
+"""Waits for a search for so long [s], None without end; returns whether it is done."""
 
-@dataclass(frozen=True, slots=True)
-class PerformanceConfig:
+Search = Literal["none", "waiting", "found"]
+"""Whether a frame came while a body was being found, and whether it was found then."""
+
+
+class PerformanceConfig(Settings):
     """Settings; see the module for what they mean.
 
     Attributes:
@@ -46,10 +52,10 @@ class PerformanceConfig:
         max_waiting: frames that may go by while a body is being found.
     """
 
-    coast: float = 0.1
-    patience: int = 8
-    min_trackers: int = 3
-    max_waiting: int = 4
+    coast: float = Field(default=0.1, ge=0.0)
+    patience: int = Field(default=8, ge=1)
+    min_trackers: int = Field(default=3, ge=1)
+    max_waiting: int = Field(default=4, ge=0)
 
 
 class Outcome(NamedTuple):
@@ -68,6 +74,11 @@ class Performance:
         executor: where bodies are found from one frame.
         counters: where blind, failed and held frames are counted.
         config: settings.
+        wait: how a body that is being found is waited for; by default by the clock.
+
+    Attributes:
+        search: how the search stood with the last frame. That depends on the clock alone,
+            so who knows it can repeat a run exactly.
     """
 
     def __init__(
@@ -76,8 +87,11 @@ class Performance:
         executor: Executor,
         counters: LiveCounters | None = None,
         config: PerformanceConfig | None = None,
+        wait: Wait | None = None,
     ) -> None:
         self.counters = counters or LiveCounters()
+        self.search: Search = "none"
+        self._wait = wait or _is_done_within
         self._estimator_at = estimator_at
         self._executor = executor
         self._config = config or PerformanceConfig()
@@ -86,7 +100,7 @@ class Performance:
         self._good: Pose | None = None
         self._seen: float | None = None
         self._failures = 0
-        self._search: Future[Any] | None = None
+        self._search_begun: Future[Any] | None = None
         self._waiting: list[TrackerFrame] = []
 
     def take(self, frame: TrackerFrame, budget: float = 0.0) -> Outcome | None:
@@ -99,6 +113,7 @@ class Performance:
         Returns:
             None while there has never been a pose.
         """
+        self.search = "none"
         estimator = self._estimator_at(frame.time)
         if estimator is not self._estimator:
             self._estimator, self._failures = estimator, 0
@@ -121,17 +136,19 @@ class Performance:
         self, estimator: AnyEstimator, frame: TrackerFrame, measured: int, budget: float
     ) -> Outcome | None:
         """Have the body found, and catch up when it is."""
-        if self._search is None:
+        if self._search_begun is None:
             if measured < min(self._config.min_trackers, len(frame.position_mask)):
                 return self._hold(frame)
             self.counters.starts += 1
-            self._search = self._executor.submit(_found, estimator, frame)
+            self._search_begun = self._executor.submit(_found, estimator, frame)
         self._seen = frame.time
         self._waiting.append(frame)
         is_patient = len(self._waiting) <= self._config.max_waiting
-        if not wait([self._search], budget if is_patient else None).done:
+        if not self._wait(self._search_begun, budget if is_patient else None):
+            self.search = "waiting"
             return self._hold(frame)
-        state, frames = self._search.result(), self._waiting
+        self.search = "found"
+        state, frames = self._search_begun.result(), self._waiting
         self._forget()
         # The step on the first frame only reads the pose out: the second is the second.
         following, pose = estimator.step(state, frames[0])
@@ -161,7 +178,7 @@ class Performance:
 
     def _forget(self) -> None:
         """The next frame begins anew; a search that is under way is not waited for."""
-        self._state, self._search, self._waiting = None, None, []
+        self._state, self._search_begun, self._waiting = None, None, []
 
     def _since_seen(self, time: float) -> float:
         return 0.0 if self._seen is None else time - self._seen
@@ -181,6 +198,10 @@ class Performance:
             result=Result.FAILED,
         )
         return Outcome(held, True, False)
+
+
+def _is_done_within(search: Future[Any], budget: float | None) -> bool:
+    return bool(wait([search], budget).done)
 
 
 def _found(estimator: AnyEstimator, frame: TrackerFrame) -> Any:

@@ -17,10 +17,11 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from types import FrameType
+from typing import Protocol, runtime_checkable
 
 from localreg.errors import LocalregError
 from localreg.live.counters import LiveCounters
-from localreg.live.performance import EstimatorAt, Performance, PerformanceConfig
+from localreg.live.performance import EstimatorAt, Performance, PerformanceConfig, Search
 from localreg.live.sinks.base import LivePose, Sink
 from sensors.assembler import AssembledFrame
 from sensors.devices.base import Device
@@ -34,6 +35,20 @@ _STEP_SHARE = 0.4
 
 _IDLE_SLACK = 0.4
 """Idle work begins only if so much of a period is left before the next instant."""
+
+
+@runtime_checkable
+class FrameLog(Protocol):
+    """Who wants to know how each frame was taken: the recording. Must not block or raise."""
+
+    def taken(self, assembled: AssembledFrame, search: Search, live: LivePose | None) -> None:
+        """A frame was taken.
+
+        Args:
+            assembled: the frame.
+            search: how the search for a body stood.
+            live: what is going to be published, before it is placed; None for nothing.
+        """
 
 
 class Session:
@@ -50,7 +65,15 @@ class Session:
         executor: where bodies are found from one frame; by default a thread.
         on_idle: work that may wait, such as a display; it is called when the next frame is
             some way off, so it costs no lateness as long as it takes a few milliseconds.
+        place: where in the world a frame is published, for example re-centred.
+        log: who is told how every frame was taken.
         now: the clock of the frames [s].
+
+    Attributes:
+        counters: what became of the frames.
+        latest: what was published last.
+        turns: how often the loop has turned, with or without a frame; it stands still only
+            if the loop does.
     """
 
     def __init__(
@@ -63,16 +86,21 @@ class Session:
         config: PerformanceConfig | None = None,
         executor: Executor | None = None,
         on_idle: Callable[[], None] | None = None,
+        place: Callable[[LivePose], LivePose] | None = None,
+        log: FrameLog | None = None,
         now: Callable[[], float] = time.monotonic,
     ) -> None:
         self.counters = LiveCounters()
         self.latest: LivePose | None = None
+        self.turns = 0
         self._stream = stream
         self._executor = executor or ThreadPoolExecutor(1, thread_name_prefix="find-body")
         self._performance = Performance(estimator_at, self._executor, self.counters, config)
         self._sinks = tuple(sinks)
         self._devices = tuple(devices)
         self.on_idle = on_idle
+        self._place = place
+        self._log = log
         self._now = now
         self._stop = threading.Event()
         self._dropped_before = 0
@@ -125,6 +153,7 @@ class Session:
         """Serve frames; true if the end was reached, false if stopped before."""
         period = self._stream.assembler.period
         while not self._stop.is_set():
+            self.turns += 1
             assembled = self._stream.next(_POLL)
             if assembled is None:
                 if self._now() > end + self.buffer + period:
@@ -148,11 +177,15 @@ class Session:
             counters.compute.add(self._now() - begun)
         counters.frames += 1
         self._last = (assembled.index, frame.time)
-        if outcome is None:
+        live = None if outcome is None else LivePose(assembled.index, frame, *outcome)
+        if self._log is not None:
+            self._log.taken(assembled, self._performance.search, live)
+        if live is None:
             counters.missing_frames += 1
             counters.late_frames += 1
             return
-        live = LivePose(assembled.index, frame, *outcome)
+        if self._place is not None:
+            live = self._place(live)
         self._publish(live)
         reached = self._now()
         self.latest = live
@@ -201,7 +234,7 @@ class Session:
 
 @contextlib.contextmanager
 def stopped_by_interrupt(session: Session) -> Iterator[None]:
-    """Ctrl-C ends the run cleanly; a second one ends the program.
+    """Ctrl-C or a request to terminate ends the run cleanly; a second one the program.
 
     Python lets only the main thread listen; in any other this does nothing.
     """
@@ -214,8 +247,10 @@ def stopped_by_interrupt(session: Session) -> Iterator[None]:
             raise KeyboardInterrupt
         session.stop()
 
-    before = signal.signal(signal.SIGINT, handle)
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(number, handle) for number in numbers]
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)

@@ -21,12 +21,10 @@ _PATIENCE: Final = 2.0
 
 
 class StatusServer:
-    """Serves in threads of its own; use as a context manager.
+    """Takes its port at once and answers from `start` on, in threads of its own.
 
     Args:
         port: TCP port on 127.0.0.1, 0 for any free one.
-        look: gives the state.
-        recenter: asks for a new origin and heading.
 
     Attributes:
         port: the port it listens on.
@@ -35,50 +33,61 @@ class StatusServer:
         LocalregError: the port is taken.
     """
 
-    def __init__(
-        self, port: int, look: Callable[[], dict[str, Any]], recenter: Callable[[], None]
-    ) -> None:
-        class Handler(_Handler):
-            pass
-
-        Handler.look, Handler.recenter = staticmethod(look), staticmethod(recenter)
+    def __init__(self, port: int) -> None:
         try:
-            self._server = http.server.ThreadingHTTPServer((ADDRESS, port), Handler)
+            self._server = _Server((ADDRESS, port), _Handler)
         except OSError as error:
             reason = (error.strerror or str(error)).lower()
             raise LocalregError(
                 f"cannot listen on {ADDRESS}:{port}: {reason}; give another --status-port"
             ) from error
-        self._server.daemon_threads = True
         self.port = int(self._server.server_address[1])
+        self._thread: threading.Thread | None = None
+
+    def start(self, look: Callable[[], dict[str, Any]], recenter: Callable[[], None]) -> None:
+        """Begin to answer.
+
+        Args:
+            look: gives the state.
+            recenter: asks for a new origin and heading.
+        """
+        self._server.look, self._server.recenter = look, recenter
+        serve = self._server.serve_forever
         self._thread = threading.Thread(
-            target=self._server.serve_forever, kwargs={"poll_interval": 0.2}, name="status"
+            target=serve, kwargs={"poll_interval": 0.2}, name="status", daemon=True
         )
-        self._thread.daemon = True
-
-    def __enter__(self) -> "StatusServer":
         self._thread.start()
-        return self
 
-    def __exit__(self, *_: object) -> None:
-        if self._thread.is_alive():
+    def close(self) -> None:
+        """Stop answering and give the port back. Doing so twice is no error."""
+        if self._thread is not None:
             self._server.shutdown()
             self._thread.join()
+            self._thread = None
         self._server.server_close()
 
 
-class _Handler(http.server.BaseHTTPRequestHandler):
+class _Server(http.server.ThreadingHTTPServer):
+    daemon_threads = True
     look: Callable[[], dict[str, Any]]
     recenter: Callable[[], None]
+
+
+class _Handler(http.server.BaseHTTPRequestHandler):
     timeout = _PATIENCE
     server_version = "localreg"
     sys_version = ""
+
+    @property
+    def _run(self) -> _Server:
+        assert isinstance(self.server, _Server)  # noqa: S101
+        return self.server
 
     def do_GET(self) -> None:
         if self._is_foreign():
             self._answer(403, {"error": "only programs on this machine are answered"})
         elif self.path == "/":
-            self._answer(200, type(self).look())
+            self._answer(200, self._run.look())
         else:
             self._answer(404, {"error": "there are GET / and POST /recenter"})
 
@@ -86,7 +95,7 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         if self._is_foreign():
             self._answer(403, {"error": "only programs on this machine are answered"})
         elif self.path == "/recenter":
-            type(self).recenter()
+            self._run.recenter()
             self._answer(202, {"recenter": "with the next frame"})
         else:
             self._answer(404, {"error": "there are GET / and POST /recenter"})

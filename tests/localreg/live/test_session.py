@@ -10,9 +10,10 @@ from localreg.errors import LocalregError
 from localreg.live.session import Session, stopped_by_interrupt
 from localreg.live.sinks import LivePose
 from localreg.synthesis.estimator import Result
-from sensors.devices.base import Device
+from sensors.devices.base import Device, DeviceCounters
+from sensors.devices.is900 import Is900Config
 from sensors.pose import PoseSample
-from sensors.stream import Received, SampleQueue
+from sensors.stream import Received
 from tests.localreg.live.scripted import (
     DELAY,
     PERIOD,
@@ -139,13 +140,17 @@ def test_a_frame_without_any_pose_yet_counts_as_never_come():
 def test_dropped_samples_are_those_of_this_run():
     class Line(Device):
         trackers = ("head",)
+        counters = DeviceCounters()
 
         def start(self) -> None: ...
 
         def stop(self) -> None: ...
 
+        def wait_attempt(self, timeout: float) -> bool:
+            return True
+
     clock = Clock()
-    device = Line(SampleQueue())
+    device = Line(Is900Config(port="nowhere", stations={"head": 1}))
     device.counters.parser.bad_records = 7
     stream = ScriptedStream(clock, [arrived(0), arrived(1), arrived(2)])
 

@@ -1,0 +1,272 @@
+"""`localreg run`: everything that a performer's machine runs for hours, put together.
+
+What can fail because of the user or the machine fails before anything slow begins: the
+configuration, ports and files first, the database next, then compiling, and the trackers
+last, which are waited for as long as it takes.
+"""
+
+import contextlib
+import logging
+import math
+import signal
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from localreg.body.subject import Subject, canonical_subject, read_subject
+from localreg.errors import LocalregError
+from localreg.live.config import EmulatorConfig, RunConfig
+from localreg.live.database_choice import ChosenDatabase, choose_database, sample_clips
+from localreg.live.demo.playlist import Playlist
+from localreg.live.health import Health, HealthReport
+from localreg.live.outputs import open_motion_file, open_outputs
+from localreg.live.quiet import IdleWork, undisturbed
+from localreg.live.recenter import Recentering
+from localreg.live.service_manager import notify
+from localreg.live.session import Session, stopped_by_interrupt
+from localreg.live.sinks import Sink
+from localreg.live.status_server import ADDRESS, StatusServer
+from localreg.live.take import TakeRecorder
+from localreg.live.warm_up import warm_up
+from localreg.synthesis.estimator import AnyEstimator
+from localreg.synthesis.methods import METHODS, build_estimator
+from sensors.emulators.process import EmulatorProcess
+from sensors.recording import Recorder
+from sensors.tracker_input import TrackerInput
+
+Tell = Callable[[str], None]
+"""Says one sentence to whoever started the run."""
+
+RECORDING = ".mcap"
+"""Ending of a recording of everything; other endings are motion files."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunOptions:
+    """What the command line adds to a configuration.
+
+    Attributes:
+        database: folder of the poses to learn from; None for the sample set.
+        subject: file of who wears the trackers; None for usual proportions.
+        seconds: how long to run [s]; None for ever.
+        record: files to record to: `.mcap` for everything, `.bvh` or `.amc` for the motion.
+        status_port: port of the status page on 127.0.0.1; None for none.
+        health: where a line of JSON goes every second; see `HealthReport`.
+        host: address on which servers for other machines listen.
+    """
+
+    database: Path | None = None
+    subject: Path | None = None
+    seconds: float | None = None
+    record: tuple[Path, ...] = ()
+    status_port: int | None = None
+    health: str | None = None
+    host: str = "127.0.0.1"
+
+
+def check(config: RunConfig, options: RunOptions) -> Subject:
+    """Look whether a run could begin, without opening anything.
+
+    Returns:
+        Who wears the trackers.
+
+    Raises:
+        LocalregError: what is wrong, in one sentence.
+    """
+    if config.synthesis.method not in METHODS:
+        raise LocalregError(
+            f"synthesis.method is {config.synthesis.method!r}; choose among {', '.join(METHODS)}"
+        )
+    if options.seconds is not None and not 0.0 < options.seconds < math.inf:
+        raise LocalregError(f"cannot run for {options.seconds:g} s; give a positive time")
+    subject = options.subject
+    return wearing(canonical_subject() if subject is None else read_subject(subject), config)
+
+
+def wearing(subject: Subject, config: RunConfig) -> Subject:
+    """The subject with those of its trackers that the devices report.
+
+    Raises:
+        LocalregError: a device reports a tracker that has no place on the body, or none
+            has.
+    """
+    unknown = [name for name in config.trackers if name not in subject.trackers]
+    if unknown or not config.trackers:
+        raise LocalregError(
+            f"the subject {subject.name} wears no tracker {', '.join(unknown) or '(none named)'}; "
+            f"name the stations of the devices among {', '.join(subject.trackers)}"
+        )
+    return subject.with_trackers(tuple(n for n in subject.trackers if n in config.trackers))
+
+
+def run(config: RunConfig, options: RunOptions, tell: Tell) -> dict[str, Any]:
+    """Run until stopped by a signal, or for `options.seconds`.
+
+    SIGINT and SIGTERM end it cleanly, SIGUSR1 re-centres the performer.
+
+    Args:
+        config: the configuration.
+        options: the rest.
+        tell: says what the user should know, one sentence at a time.
+
+    Returns:
+        The last look at the run's health.
+
+    Raises:
+        LocalregError: it cannot begin, or a file could not be finished.
+        SensorError: a device or recording cannot be had at all.
+    """
+    check(config, options)
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(_told_warnings(tell))
+        recorder = _recorder(options.record, stack)
+        status = None if options.status_port is None else StatusServer(options.status_port)
+        if status is not None:
+            stack.callback(status.close)
+            tell(f"status: http://{ADDRESS}:{status.port}/")
+        chosen = choose_database(options.database, tell)
+        config = _at_rate(config, chosen.poses.rate)
+        subject = chosen.subject if options.subject is None else read_subject(options.subject)
+        subject = wearing(subject, config)
+        sinks = _sinks(config, options, subject, stack)
+        estimator = _warm_estimator(config.synthesis.method, subject, chosen, tell)
+        if config.emulator is not None:
+            config = config.with_port(stack.enter_context(_emulated(config.emulator, config)))
+        log = None if recorder is None else TakeRecorder(recorder)
+        if log is not None:
+            log.begin(
+                config.synthesis.method,
+                METHODS[config.synthesis.method],
+                config.performance,
+                subject,
+                chosen,
+            )
+        trackers = TrackerInput(config, trackers=subject.trackers, recorder=recorder)
+        recentering = Recentering(None if log is None else log.placed)
+        session = Session(
+            trackers.stream,
+            lambda _: estimator,
+            sinks,
+            devices=trackers.devices,
+            config=config.performance,
+            on_idle=IdleWork(),
+            place=recentering,
+            log=log,
+        )
+        health = Health(session, trackers.devices, sinks, recentering, recorder)
+        if status is not None:
+            status.start(health.look, recentering.request)
+        report = HealthReport(health, tell, options.health)
+        with (
+            undisturbed(),
+            trackers,
+            report,
+            stopped_by_interrupt(session),
+            _recentered_by_signal(recentering),
+        ):
+            notify("READY=1")
+            end = math.inf if options.seconds is None else time.monotonic() + options.seconds
+            session.run(end=end)
+            notify("STOPPING=1")
+    return health.look()
+
+
+def _at_rate(config: RunConfig, rate: float) -> RunConfig:
+    config = config.at_rate(rate)
+    if config.assembler.rate != rate:
+        raise LocalregError(
+            f"the database is at {rate:g} Hz and the assembler at {config.assembler.rate:g} Hz; "
+            "build one at that rate, or leave assembler.rate out of the configuration"
+        )
+    return config
+
+
+def _sinks(
+    config: RunConfig, options: RunOptions, subject: Subject, stack: contextlib.ExitStack
+) -> list[Sink]:
+    """The outputs and motion files, open; what goes wrong later closes them."""
+    rate = config.assembler.rate
+    sinks = open_outputs(config.outputs, subject, rate, options.host)
+    for sink in sinks:
+        stack.callback(sink.close)
+    for path in options.record:
+        if path.suffix.lower() != RECORDING:
+            sinks.append(open_motion_file(path, subject, rate))
+            stack.callback(sinks[-1].close)
+    return sinks
+
+
+def _warm_estimator(
+    method: str, subject: Subject, chosen: ChosenDatabase, tell: Tell
+) -> AnyEstimator:
+    tell("warming up; the first time on a machine this compiles for half a minute")
+    estimator = build_estimator(method, subject, chosen.poses)
+    seconds = warm_up(estimator)
+    tell(f"learning from {len(chosen.poses):,} poses; warmed up in {seconds:.1f} s")
+    return estimator
+
+
+def _recorder(record: tuple[Path, ...], stack: contextlib.ExitStack) -> Recorder | None:
+    recordings = [path for path in record if path.suffix.lower() == RECORDING]
+    if len(recordings) > 1:
+        raise LocalregError("one recording at a time; give --record one file ending in .mcap")
+    return stack.enter_context(Recorder(recordings[0])) if recordings else None
+
+
+@contextlib.contextmanager
+def _emulated(emulator: EmulatorConfig, config: RunConfig) -> Iterator[str]:
+    """The port of an emulated IS-900 on which real walks are played, over and over."""
+    playlist = Playlist.of(sample_clips(emulator.clips), config.assembler.rate)
+    playback = playlist.playback()
+    with tempfile.TemporaryDirectory() as scratch:
+        file = Path(scratch) / "walks.npz"
+        playback.save(file)
+        arguments = ["--at-end", "loop", "--rate", f"{playlist.rate:g}"]
+        arguments += ["--noise-position", str(emulator.noise_position)]
+        arguments += ["--noise-orientation", str(emulator.noise_orientation)]
+        with EmulatorProcess(file, [*arguments, "--seed", str(emulator.seed)]) as process:
+            yield process.address
+
+
+@contextlib.contextmanager
+def _recentered_by_signal(recentering: Recentering) -> Iterator[None]:
+    """SIGUSR1 re-centres; only in the main thread, which alone may listen to signals."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        recentering.request()
+
+    before = signal.signal(signal.SIGUSR1, handle)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGUSR1, before)
+
+
+class _Teller(logging.Handler):
+    """Hands warnings of the tracker side on, such as that of a full disk."""
+
+    def __init__(self, tell: Tell) -> None:
+        super().__init__(logging.WARNING)
+        self._tell = tell
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Say one warning."""
+        self._tell(record.getMessage())
+
+
+@contextlib.contextmanager
+def _told_warnings(tell: Tell) -> Iterator[None]:
+    logger, handler = logging.getLogger("sensors"), _Teller(tell)
+    logger.addHandler(handler)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
