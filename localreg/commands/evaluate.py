@@ -46,6 +46,8 @@ localreg evaluate test/ --database train.db --start truth --jobs 4
 
 localreg evaluate sample --trackers head,lhand,rhand --outliers 0.02 --dropout 0.1
 
+localreg evaluate sample --report out/report
+
 localreg evaluate sample --methods localreg,localreg-squares --signals both --disturb outliers"""
 )
 def evaluate(
@@ -133,6 +135,14 @@ def evaluate(
         Path | None,
         typer.Option("--json", metavar="FILE", help="Also write every figure; - for the output."),
     ] = None,
+    report: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Also write a web page with tables, figures and filmstrips there; runs some more "
+            "evaluations, of a few clips, for curves of robustness and database size.",
+        ),
+    ] = None,
     verbose: Annotated[
         bool, typer.Option(help="Show activities, joints and every clip, too.")
     ] = False,
@@ -169,6 +179,12 @@ def evaluate(
     to_output = json_file is not None and str(json_file) == "-"
     if json_file is not None and not to_output:
         _check_writable(json_file)
+    if report is not None and report.exists() and not report.is_dir():
+        raise typer.BadParameter(f"{report} is a file; give a folder", param_hint="--report")
+    if report is not None and disturb is not None:
+        raise typer.BadParameter(
+            "choose one: --disturb prints a table and no page", param_hint="--report"
+        )
 
     import numpy as np
 
@@ -204,6 +220,7 @@ def evaluate(
             max_frames=max_frames,
             seed=seed,
             database_share=database_share,
+            keep_poses=report is not None,
         )
     except SynthesisError as error:
         raise typer.BadParameter(str(error)) from error
@@ -217,22 +234,32 @@ def evaluate(
         if disturb is not None:
             with progress_bar("disturbing") as bar:
                 document = _disturb(disturb, motions, learned, protocol, run, bar, to_output)
+            if json_file is not None and not to_output:
+                write_json(document, json_file)
         else:
             with progress_bar("evaluating") as bar:
                 evaluation = run_evaluation(
                     motions, learned, protocol, folder=database, run=run, progress=bar
                 )
             document = to_json(evaluation)
+            if json_file is not None and not to_output:
+                write_json(document, json_file)
             if evaluation.too_short:
                 notes().print(f"too short to be a test: {', '.join(evaluation.too_short)}")
             if not to_output:
                 _print(evaluation, output(), verbose=verbose)
+            if report is not None:
+                from localreg.commands.evaluation_report import write_report
+
+                with progress_bar("report") as bar:
+                    page = write_report(
+                        report, evaluation, motions, learned, protocol, run, progress=bar
+                    )
+                notes().print(f"report: {page}", soft_wrap=True)
     if to_output:
         import json
 
         typer.echo(json.dumps(document, indent=1, allow_nan=False))
-    elif json_file is not None:
-        write_json(document, json_file)
 
 
 def _somewhere(

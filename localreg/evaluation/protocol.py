@@ -162,7 +162,7 @@ def _left_out(motion: Motion, database: PoseDatabase, protocol: Protocol) -> tup
         # The clip itself as well, for the copies of it that are filed elsewhere.
         allowed = database.exclude(**{protocol.leave_out: value})
         allowed &= database.exclude(clip=made.name)
-    allowed &= _share(database, protocol)
+    allowed = _share_of(allowed, database, protocol)
     if not allowed.any() and protocol.needs_database:
         what = protocol.leave_out or "clip"
         name = made.name if what == "clip" else getattr(made, what)
@@ -173,14 +173,14 @@ def _left_out(motion: Motion, database: PoseDatabase, protocol: Protocol) -> tup
     return tuple(np.unique(database.clip_index[~allowed]).tolist())
 
 
-def _share(database: PoseDatabase, protocol: Protocol) -> Bool[ndarray, " poses"]:
-    """The poses of the recordings that belong to the share of the database that is used."""
+def _share_of(
+    allowed: Bool[ndarray, " poses"], database: PoseDatabase, protocol: Protocol
+) -> Bool[ndarray, " poses"]:
+    """Of the poses that may be used, those of a share of the recordings; never none of some."""
     if protocol.database_share == 1.0:
-        return np.ones(len(database), dtype=bool)
-    groups = np.array([clip.group for clip in database.clips])
-    order = np.random.default_rng(protocol.seed).permutation(np.unique(groups))
-    lengths = np.array([clip.length for clip in database.clips])
-    sizes = np.array([lengths[groups == group].sum() for group in order])
+        return allowed
+    groups = np.array([clip.group for clip in database.clips])[database.clip_index]
+    order = np.random.default_rng(protocol.seed).permutation(int(groups.max()) + 1)
+    sizes = np.bincount(groups[allowed], minlength=len(order))[order]
     before = np.cumsum(sizes) - sizes
-    kept = order[before < protocol.database_share * sizes.sum()]
-    return np.isin(groups, kept)[database.clip_index]
+    return allowed & np.isin(groups, order[before < protocol.database_share * sizes.sum()])

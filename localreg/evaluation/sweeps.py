@@ -80,18 +80,20 @@ class Curve:
     mpjpe_cm: Float[ndarray, " points"]
 
 
-def plan_series(protocol: Protocol, trackers: Sequence[str], rate: float) -> list[Series]:
+def plan_series(
+    protocol: Protocol, trackers: Sequence[str], database: PoseDatabase
+) -> list[Series]:
     """The series for the methods of an evaluation, with its first kind of signals.
 
     Args:
         protocol: of the evaluation; its first method stands in the middle.
         trackers: names of all trackers worn.
-        rate: frames a second [Hz].
+        database: what is learned from.
     """
     methods = _compared(protocol.methods)
     first = methods[0]
     squares = () if find_variant(first).has_squares else (first + SQUARES,)
-    frames = round(SECONDS * rate)
+    frames = round(SECONDS * database.rate)
     base = replace(
         protocol,
         methods=methods,
@@ -135,7 +137,9 @@ def plan_series(protocol: Protocol, trackers: Sequence[str], rate: float) -> lis
             Point(f"{share:.0%}", 100 * share, replace(base, methods=learned, database_share=share))
             for share in _SHARES
         ]
-        series.append(Series("Database size", "share of the recordings [%]", tuple(sizes)))
+        series.append(
+            Series("Database size", f"share of {len(database):,} poses [%]", tuple(sizes))
+        )
     return series
 
 
