@@ -8,11 +8,15 @@ import typer
 if TYPE_CHECKING:
     from localreg.motion.motion import Motion
 
+RECORDING = ".mcap"
+
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 
 
 @app.command(
     epilog="""Examples:
+
+localreg synthesize take1.mcap --out take1.bvh --smooth
 
 localreg synthesize walk.bvh --database walks.db --out synthesized.bvh
 
@@ -21,18 +25,43 @@ localreg synthesize sample --clip 16_22 --database walks.db --out 16_22.bvh"""
 def synthesize(
     source: Annotated[
         str,
-        typer.Argument(metavar="INPUT", help="A motion file, whose trackers are simulated."),
+        typer.Argument(
+            metavar="INPUT",
+            help="A recording of localreg run (.mcap), or a motion file whose trackers are "
+            "simulated.",
+        ),
     ],
-    database: Annotated[Path, typer.Option(metavar="DIR", help="The database to learn from.")],
     out: Annotated[Path, typer.Option(help="The motion file to write; its ending says the kind.")],
+    database: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="The database to learn from; a recording without one is solved with the sample "
+            "set.",
+            show_default=False,
+        ),
+    ] = None,
     subject: Annotated[
         Path | None,
-        typer.Option(help="Subject file (TOML) of who moves and wears the trackers."),
+        typer.Option(
+            help="Subject file (TOML) of who moves and wears the trackers; default: as recorded, "
+            "or as the motion file has it."
+        ),
     ] = None,
+    smooth: Annotated[
+        bool,
+        typer.Option("--smooth", help="Smooth a recording with look-ahead, which does not lag."),
+    ] = False,
+    cutoff: Annotated[
+        float, typer.Option(help="Frequency of which --smooth keeps half [Hz].")
+    ] = 10.0,
     clip: Annotated[
         str | None, typer.Option(help="Which clip, where the input holds several.")
     ] = None,
-    method: Annotated[str, typer.Option(help="The method.")] = "localreg",
+    method: Annotated[
+        str | None,
+        typer.Option(help="The method; default: as recorded, else localreg.", show_default=False),
+    ] = None,
     noise_position: Annotated[
         float, typer.Option(min=0.0, help="Standard deviation on each axis [m].")
     ] = 0.003,
@@ -46,7 +75,9 @@ def synthesize(
 ) -> None:
     """Synthesize the motion of a whole body from six trackers and write it to a file.
 
-    The trackers are simulated from a motion file, with noise. How far the result is from
+    A recording of `localreg run` is solved again from its raw bytes: with the same method,
+    subject and database to the very poses that were seen live, or with others, or smoother.
+    Of a motion file the trackers are simulated, with noise, and how far the result is from
     that motion is printed.
     """
     from localreg.motion.formats import writable_suffixes
@@ -56,6 +87,20 @@ def synthesize(
             f"{out} cannot be written; files may end in {', '.join(writable_suffixes())}",
             param_hint="--out",
         )
+
+    if Path(source).suffix.lower() == RECORDING:
+        _synthesize_recording(
+            Path(source), out, database, subject, method, cutoff if smooth else None
+        )
+        return
+    if smooth:
+        raise typer.BadParameter("only recordings are smoothed", param_hint="--smooth")
+    if database is None:
+        raise typer.BadParameter(
+            "a motion file needs a database that does not hold it; localreg db build makes one",
+            param_hint="--database",
+        )
+    method = method or "localreg"
 
     from dataclasses import replace
 
@@ -109,6 +154,76 @@ def synthesize(
         console.print(
             f"joint angles off by {figures.joint_angle_error_deg:.2f} deg, "
             f"bone ends by {figures.mpjpe_cm:.2f} cm"
+        )
+
+
+def _synthesize_recording(
+    source: Path,
+    out: Path,
+    database: Path | None,
+    subject: Path | None,
+    method: str | None,
+    cutoff: float | None,
+) -> None:
+    from localreg.body.subject import read_subject
+    from localreg.commands.console import notes, output, progress_bar
+    from localreg.errors import LocalregError
+    from localreg.live.database_choice import choose_database
+    from localreg.live.raw_frames import frames_from_raw
+    from localreg.live.retake import largest_difference, solve_again
+    from localreg.live.take import Take
+    from localreg.motion.formats import write_motion
+    from localreg.synthesis.methods import METHODS, build_synthesizer
+
+    if method is not None and method not in METHODS:
+        raise typer.BadParameter(
+            f"no method named {method}; choose among {', '.join(METHODS)}", param_hint="--method"
+        )
+    take = Take.read(source)
+    chosen = choose_database(database)
+    if chosen.poses.rate != take.database["rate"]:
+        raise LocalregError(
+            f"the take is at {take.database['rate']:g} Hz and the database at "
+            f"{chosen.poses.rate:g} Hz; name one of the take's rate by --database"
+        )
+    wearer = take.subject
+    if subject is not None:
+        wearer = read_subject(subject).with_trackers(take.subject.trackers)
+    settings = take.settings if method is None else METHODS[method]
+    is_same_database = chosen.identity == take.database["identity"]
+    is_repetition = is_same_database and subject is None and settings == take.settings
+    if not is_same_database:
+        notes().print(
+            f"the take was made with another database ({take.database['source']}, "
+            f"{take.database['poses']} poses), so its poses will differ; name that one by "
+            "--database to repeat them",
+            soft_wrap=True,
+        )
+    estimator = build_synthesizer(settings, wearer, chosen.poses)
+    with progress_bar("solving") as bar:
+        retake = solve_again(
+            frames_from_raw(source),
+            estimator,
+            take.performance,
+            take.searches if is_repetition else None,
+            take.frames,
+            bar,
+        )
+    motion = retake.motion(take, wearer, source, cutoff)
+    write_motion(motion, out)
+    console = output()
+    console.print(
+        f"{out}: {len(motion)} frames at {motion.rate:g} Hz of {source.stem}, by "
+        f"{method or take.method}{'' if cutoff is None else f', smoothed at {cutoff:g} Hz'}",
+        soft_wrap=True,
+    )
+    if is_repetition and take.indices:
+        difference = largest_difference(take, retake)
+        console.print(
+            "the solved poses are bit for bit those seen live"
+            if difference == 0.0
+            else f"the solved poses differ from those seen live by up to {difference:.3g}; the "
+            "take was made by another version or kind of processor"
         )
 
 

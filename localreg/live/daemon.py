@@ -161,7 +161,7 @@ def run(config: RunConfig, options: RunOptions, tell: Tell) -> dict[str, Any]:
         health = Health(session, trackers.devices, sinks, recentering, recorder)
         if status is not None:
             status.start(health.look, recentering.request)
-        report = HealthReport(health, tell, options.health)
+        report = HealthReport(health.look, tell, options.health)
         with (
             undisturbed(),
             trackers,

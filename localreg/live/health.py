@@ -147,7 +147,7 @@ class HealthReport:
     As long as the loop turns, the service manager hears so, too.
 
     Args:
-        health: what is looked at.
+        look: gives the present state, as `Health.look` does.
         tell: is told in one sentence when a device is lost or comes back, or an output fails.
         to: where a line of JSON goes every second: a file, which must not exist, or `-` for
             standard error; None for nowhere.
@@ -156,8 +156,13 @@ class HealthReport:
         LocalregError: the file cannot be made.
     """
 
-    def __init__(self, health: Health, tell: Callable[[str], None], to: str | None = None) -> None:
-        self._health = health
+    def __init__(
+        self,
+        look: Callable[[], dict[str, Any]],
+        tell: Callable[[str], None],
+        to: str | None = None,
+    ) -> None:
+        self._get = look
         self._tell = tell
         self._notices = Notices()
         self._file = _open(to)
@@ -181,7 +186,7 @@ class HealthReport:
             self._look()
 
     def _look(self) -> None:
-        document = self._health.look()
+        document = self._get()
         for notice in self._notices.of(document):
             self._tell(notice)
         if document["turns"] > self._turns:

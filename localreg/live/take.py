@@ -31,7 +31,7 @@ from localreg.synthesis.settings import Settings
 from sensors.assembler import AssembledFrame
 from sensors.placement import RoomTransform
 from sensors.recording import Recorder, read_recording
-from sensors.recording.schemas import object_schema
+from sensors.recording.schemas import FRAMES, object_schema
 
 TAKE: Final = "/take"
 SEARCH: Final = "/search"
@@ -147,6 +147,7 @@ class Take:
         database: identity, source, poses and rate of the database.
         searches: how the search stood at the frames where there was one, by index.
         placements: transforms that poses were published with, by index of the first frame.
+        frames: how many frames were closed.
         indices: of the recorded poses.
         qpos: the recorded poses, before placement.
     """
@@ -159,6 +160,7 @@ class Take:
     database: dict[str, Any]
     searches: dict[int, str]
     placements: dict[int, RoomTransform]
+    frames: int
     indices: tuple[int, ...]
     qpos: Float[ndarray, "frames 63"]
 
@@ -175,9 +177,12 @@ class Take:
         placements: dict[int, RoomTransform] = {}
         indices: list[int] = []
         rows: list[list[float]] = []
-        for message in read_recording(path, (TAKE, SEARCH, POSES, PLACEMENT)):
+        frames = 0
+        for message in read_recording(path, (TAKE, SEARCH, POSES, PLACEMENT, FRAMES)):
             data = message.data
-            if message.topic == TAKE:
+            if message.topic == FRAMES:
+                frames += 1
+            elif message.topic == TAKE:
                 document = data
             elif message.topic == SEARCH:
                 searches[data["index"]] = data["search"]
@@ -206,6 +211,7 @@ class Take:
             database=document["database"],
             searches=searches,
             placements=placements,
+            frames=frames,
             indices=tuple(indices),
             qpos=qpos if rows else np.zeros((0, 63)),
         )
