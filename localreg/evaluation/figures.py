@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from io import BytesIO
+from textwrap import wrap
 from typing import Any, Final
 
 import numpy as np
@@ -24,6 +25,7 @@ _COLORS: Final = {
 _OTHERS: Final = ("#56b4e9", "#8a5a44", "#b8a900", "#444444")
 _DPI: Final = 130
 _MOST_ACTIVITIES: Final = 8
+_LABEL_WIDTH: Final = 15  # characters
 
 
 def activity_bars(evaluation: Evaluation, figure: str, label: str) -> bytes:
@@ -55,7 +57,7 @@ def activity_bars(evaluation: Evaluation, figure: str, label: str) -> bytes:
                 place, means, 0.92 * width, yerr=[below, spread], color=color(method),
                 label=method, ecolor=_SOFT, capsize=2, error_kw={"linewidth": 0.8},
             )  # fmt: skip
-        names = [f"{name}\n({_count(evaluation, signals, name)})" for name in groups]
+        names = [f"{_wrapped(name)}\n({_count(evaluation, signals, name)})" for name in groups]
         axes.set_xticks(np.arange(len(groups)), names)
         axes.set_ylabel(label, color=_INK)
         axes.set_title(f"signals: {signals}", loc="left", fontsize=10, color=_INK)
@@ -155,6 +157,11 @@ def _groups(evaluation: Evaluation, signals: str) -> list[str]:
     chosen = by_activity(evaluation, evaluation.methods[0], signals)
     names = sorted(chosen, key=lambda name: len(chosen[name]), reverse=True)[:_MOST_ACTIVITIES]
     return [*sorted(names), "all"] if len(chosen) > 1 else names
+
+
+def _wrapped(name: str) -> str:
+    """A name in a few short lines."""
+    return "\n".join(wrap(name, _LABEL_WIDTH, max_lines=3, placeholder=" ..."))
 
 
 def _count(evaluation: Evaluation, signals: str, name: str) -> str:
