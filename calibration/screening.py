@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from calibration.eigen_skeleton import SkeletonPrior, average_subject
 from calibration.fit import Session, align, default_mounts, robust_mean
+from calibration.holds import Hold
 from calibration.poses import TargetPose, mirrored, with_swapped
 from localreg.body.skeleton import BODY_NAMES
 from localreg.body.subject import Mount
@@ -334,16 +335,8 @@ def _wrong_poses(
         if not session.used[i] or there.sum() < 4:
             continue
         left = _residuals(hold.positions[there], scale * expected.positions[i][:, there])
-        best = int(np.argmin(left))
-        if left[0] > _WRONG and left[best] < _CLEARLY * left[0]:
-            text = (
-                f"pose {hold.pose} was done as {expected.explanations[i][best]}"
-                if expected.explanations[i][best].startswith("pose")
-                else f"pose {hold.pose} was done with {expected.explanations[i][best]}"
-            )
-        elif left[0] > _LOST:
-            text = f"pose {hold.pose} is not the one shown"
-        else:
+        text = _explained(hold.pose, expected.explanations[i], left)
+        if not text:
             continue
         text += "; it is left out: repeat it"
         findings.append(Finding(Kind.WRONG_POSE, text, (hold.pose,)))
@@ -353,3 +346,47 @@ def _wrong_poses(
 
 def _list(names: Sequence[str]) -> str:
     return ", ".join(names[:-1]) + (" and " if len(names) > 1 else "") + names[-1]
+
+
+class PoseJudge:
+    """Looks at single holds while the person is still there to repeat them.
+
+    Args:
+        poses: all that are asked for.
+        trackers: which tracker on which bone.
+        prior: the eigen-skeleton.
+    """
+
+    def __init__(
+        self, poses: Sequence[TargetPose], trackers: tuple[Mount, ...], prior: SkeletonPrior
+    ) -> None:
+        average = average_subject(prior)
+        points = BodyPoints(replace(average, mounts=default_mounts(average, trackers)))
+        self._explanations: dict[str, tuple[str, ...]] = {}
+        self._positions: dict[str, Float[ndarray, "V J 3"]] = {}
+        for pose in poses:
+            choices = _misunderstandings(pose, poses)
+            qpos = np.repeat(pose.qpos()[None], len(choices), axis=0)
+            qpos[:, 7:] = np.array(list(choices.values()))
+            self._explanations[pose.name] = tuple(choices)
+            self._positions[pose.name] = points.tracker_poses(qpos).positions
+
+    def judge(self, hold: Hold) -> str:
+        """What is plainly wrong with a hold; empty if nothing is."""
+        there = hold.position_mask
+        if there.sum() < 4:
+            return ""
+        predicted = self._positions[hold.pose][:, there]
+        ratio = _size(hold.positions[there]) / max(_size(predicted[0]), 1e-9)
+        # A person may be larger or smaller; another unit is for the whole session to find.
+        scale = float(np.clip(ratio, 0.8, 1.25)) if 0.5 < ratio < 2.0 else ratio
+        left = _residuals(hold.positions[there], scale * predicted)
+        return _explained(hold.pose, self._explanations[hold.pose], left)
+
+
+def _explained(pose: str, explanations: Sequence[str], left: Float[ndarray, " V"]) -> str:
+    best = int(np.argmin(left))
+    if left[0] > _WRONG and left[best] < _CLEARLY * left[0]:
+        how = "as" if explanations[best].startswith("pose") else "with"
+        return f"pose {pose} was done {how} {explanations[best]}"
+    return f"pose {pose} is not the one shown" if left[0] > _LOST else ""

@@ -63,7 +63,13 @@ def random_person(
         spread: how far from the bone's end, on each axis [m].
         rng: NumPy's generator.
     """
-    person = subject_of("simulated", lengths)
+    return with_random_mounts(subject_of("simulated", lengths), trackers, spread, rng)
+
+
+def with_random_mounts(
+    person: Subject, trackers: Sequence[Mount], spread: float, rng: Any
+) -> Subject:
+    """A person who has strapped the trackers on; arguments as for `random_person`."""
     ends = np.vstack([np.zeros(3), person.offsets])
     mounts = tuple(
         Mount(
@@ -78,7 +84,11 @@ def random_person(
 
 
 def perform(
-    person: Subject, poses: Sequence[TargetPose], habits: Habits, rng: Any
+    person: Subject,
+    poses: Sequence[TargetPose],
+    habits: Habits,
+    rng: Any,
+    place_seed: int | None = None,
 ) -> Float[ndarray, "N 63"]:
     """The poses as the person really holds them, somewhere in the room.
 
@@ -87,11 +97,20 @@ def perform(
         poses: what is asked for; those that are planted keep the feet of the first.
         habits: errors.
         rng: NumPy's generator.
+        place_seed: of where in the room and on which spots the person stands, if that is to
+            be the same whatever the errors are.
     """
     body = Kinematics.from_subject(person)
-    heading = Rotation.from_euler("z", rng.uniform(-np.pi, np.pi))
-    place = np.array([*rng.uniform(-0.5, 0.5, 2), 0.0])
+    where = rng if place_seed is None else np.random.default_rng(place_seed)
+    heading = Rotation.from_euler("z", where.uniform(-np.pi, np.pi))
+    place = np.array([*where.uniform(-0.5, 0.5, 2), 0.0])
     spots: Float[ndarray, "2 3"] | None = None
+    if place_seed is not None:
+        qpos = poses[0].qpos(0.95)
+        qpos[:3] = heading.apply(qpos[:3]) + place
+        root = heading * Rotation.from_quat(qpos[3:7], scalar_first=True)
+        qpos[3:7] = root.as_quat(scalar_first=True)
+        spots = np.asarray(_ankles(body, jnp.asarray(qpos))[0])
     done = np.zeros((len(poses), 63))
     for row, pose in zip(done, poses, strict=True):
         qpos = pose.qpos(0.95)

@@ -1,0 +1,174 @@
+"""The wizard in a terminal: what to do, a stick figure, a bar that fills while one holds."""
+
+import contextlib
+import os
+import select
+import sys
+import termios
+import time
+import tty
+from collections.abc import Iterator
+from typing import Final
+
+from rich.console import Console, Group
+from rich.live import Live
+from rich.panel import Panel
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
+
+from calibration.poses import TargetPose
+from calibration.sticks import Sticks
+from calibration.wizard import Event, Snapshot, State
+from sensors.pose import TrackerFrame
+
+_REFRESH: Final = 0.1
+_WIDTH: Final = 76
+_KEYS: Final = "space pause/go   b back   s skip   q leave"
+_TITLES: Final = {
+    State.READY: "press Enter or space, then go to your place",
+    State.MOVING: "take the pose",
+    State.HOLDING: "hold still",
+    State.DONE: "done",
+}
+
+
+class Keyboard:
+    """Single keys from a terminal, without waiting; nothing where there is no terminal."""
+
+    def __init__(self) -> None:
+        self._terminal = sys.stdin.fileno() if sys.stdin.isatty() else None
+
+    @property
+    def is_there(self) -> bool:
+        """Whether anybody can press a key."""
+        return self._terminal is not None
+
+    @contextlib.contextmanager
+    def listening(self) -> Iterator[None]:
+        """Keys come at once and unseen, until the end."""
+        if self._terminal is None:
+            yield
+            return
+        before = termios.tcgetattr(self._terminal)
+        try:
+            tty.setcbreak(self._terminal)
+            yield
+        finally:
+            termios.tcsetattr(self._terminal, termios.TCSADRAIN, before)
+
+    def key(self) -> str:
+        """The newest key; empty if there is none."""
+        if self._terminal is None:
+            return ""
+        pressed = b""
+        while select.select([self._terminal], [], [], 0.0)[0]:
+            more = os.read(self._terminal, 64)
+            if not more:
+                break
+            pressed = more
+        return pressed[-1:].decode("ascii", "ignore")
+
+
+class TerminalView:
+    """Draws the wizard; a context manager.
+
+    On a terminal a panel that is drawn anew, elsewhere a line for everything that happens.
+
+    Args:
+        console: where to.
+    """
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._keyboard = Keyboard()
+        self._live: Live | None = None
+        self._stack = contextlib.ExitStack()
+        self._drawn = 0.0
+        self._sticks = Sticks()
+        self._said = ""
+
+    @property
+    def has_keys(self) -> bool:
+        """Whether somebody can press a key to begin."""
+        return self._keyboard.is_there
+
+    def __enter__(self) -> "TerminalView":
+        self._stack.enter_context(self._keyboard.listening())
+        if self._console.is_terminal:
+            self._live = Live(console=self._console, auto_refresh=False, transient=True)
+            self._stack.enter_context(self._live)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+        self._live = None
+
+    def key(self) -> str:
+        """The newest key."""
+        return self._keyboard.key()
+
+    def show(self, snapshot: Snapshot, event: Event, frame: TrackerFrame | None) -> None:
+        """Draw how things are; events also leave a line behind."""
+        if event in (Event.RECORDED, Event.FINISHED):
+            pose = snapshot.recorded[-1] if snapshot.recorded else ""
+            self._say(f"recorded {len(snapshot.recorded)}: {self._newest(snapshot, pose)}")
+            self._console.bell()
+        elif event in (Event.REFUSED, Event.TIMED_OUT, Event.BLIND):
+            self._say(snapshot.message)
+            self._console.bell()
+        if self._live is None:
+            self._announce(snapshot)
+            return
+        now = time.monotonic()
+        if now - self._drawn >= _REFRESH or event is not Event.NOTHING:
+            self._drawn = now
+            self._live.update(self._panel(snapshot), refresh=True)
+
+    def _newest(self, snapshot: Snapshot, otherwise: str) -> str:
+        known = set(self._said.split("|"))
+        fresh = [name for name in snapshot.recorded if name not in known]
+        self._said = "|".join(snapshot.recorded)
+        return fresh[-1] if fresh else otherwise
+
+    def _say(self, words: str) -> None:
+        self._console.print(words, highlight=False, markup=False, soft_wrap=True)
+
+    def _announce(self, snapshot: Snapshot) -> None:
+        """Without a terminal: every pose once, in words."""
+        pose = snapshot.pose
+        if pose is None or pose.name == getattr(self, "_announced", None):
+            return
+        self._announced = pose.name
+        self._say(
+            f"pose {snapshot.number} of {snapshot.total}, {pose.name}: {' '.join(pose.words)}"
+        )
+
+    def _panel(self, snapshot: Snapshot) -> Panel:
+        pose = snapshot.pose
+        if pose is None:
+            return Panel(Text(snapshot.message), width=_WIDTH)
+        body = Table.grid(padding=(0, 2))
+        body.add_column(width=28)
+        body.add_column(width=_WIDTH - 36)
+        body.add_row(Text(self._sticks.draw(pose), style="cyan"), self._words(snapshot, pose))
+        title = f"pose {snapshot.number} of {snapshot.total}: {pose.name}"
+        return Panel(body, title=title, subtitle=_KEYS, width=_WIDTH)
+
+    def _words(self, snapshot: Snapshot, pose: TargetPose) -> Group:
+        holding = snapshot.state is State.HOLDING
+        lines = [Text(f"{place:5s} {words}") for place, words in
+                 zip(("legs", "arms", "head"), pose.words, strict=True)]  # fmt: skip
+        spaced: list[Text | ProgressBar] = []
+        for line in lines:
+            spaced += [line, Text("")]
+        style = "bold green" if holding else "bold yellow"
+        return Group(
+            *spaced,
+            Text(_TITLES[snapshot.state], style=style),
+            ProgressBar(total=1.0, completed=snapshot.held, width=_WIDTH - 40),
+            Text(snapshot.message, style="bold" if snapshot.message else ""),
+            Text("trackers: all seen" if not snapshot.unseen
+                 else "not seen: " + ", ".join(snapshot.unseen),
+                 style="dim" if not snapshot.unseen else "bold red"),
+        )  # fmt: skip

@@ -1,0 +1,313 @@
+"""The wizard as a state machine: poses, stillness, retries, timeouts, the way back.
+
+It knows no view and reads no clock: it is told frames and keys, and says in which state it
+is. A view draws `snapshot()`; whoever runs it saves `progress()` after every `Event.RECORDED`.
+
+    ready --go--> moving --still--> holding --enough--> moving (the next pose) ... done
+                    ^                  |
+                    +------moved-------+
+
+A pose that plainly is another than the one asked for is refused, up to `retries` times;
+then it is taken, and the fit has the last word. Nobody gets a pose wrong for ever.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from enum import Enum
+
+from calibration.holds import Hold
+from calibration.poses import TargetPose
+from calibration.stillness import StillnessDetector, StillnessSettings
+from localreg.errors import LocalregError
+from sensors.pose import TrackerFrame
+
+
+class State(Enum):
+    """Where the wizard is."""
+
+    READY = "ready"
+    MOVING = "moving"
+    HOLDING = "holding"
+    DONE = "done"
+
+
+class Event(Enum):
+    """What a frame or a key brought about."""
+
+    NOTHING = "nothing"
+    STILL = "still"
+    MOVED = "moved"
+    RECORDED = "recorded"
+    REFUSED = "refused"
+    TIMED_OUT = "timed out"
+    BLIND = "blind"
+    FINISHED = "finished"
+
+
+@dataclass(frozen=True, slots=True)
+class WizardSettings:
+    """Times and patience.
+
+    Attributes:
+        hold: how long a pose is recorded [s].
+        get_ready: pause before a pose counts, so that the one before is not taken for it [s].
+        timeout: after so long without a hold the person is reminded [s].
+        retries: how often a pose that seems to be another is refused.
+        min_trackers: so many must be seen in every frame of a hold; all of them if there
+            are fewer.
+        travel: so far some tracker must have moved since the last hold [m].
+        stillness: when a body counts as still.
+    """
+
+    hold: float = 2.0
+    get_ready: float = 1.0
+    timeout: float = 30.0
+    retries: int = 2
+    min_trackers: int = 4
+    travel: float = 0.10
+    stillness: StillnessSettings = field(default_factory=StillnessSettings)
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """What a view needs.
+
+    Attributes:
+        state: where the wizard is.
+        pose: the pose that is asked for; None when done.
+        number: its place, from 1.
+        total: how many there are.
+        held: share of the hold that is recorded, 0 to 1.
+        recorded: names of the poses that are recorded.
+        message: the last thing to tell the person; may be empty.
+        unseen: trackers that the newest frame lacks.
+    """
+
+    state: State
+    pose: TargetPose | None
+    number: int
+    total: int
+    held: float
+    recorded: tuple[str, ...]
+    message: str
+    unseen: tuple[str, ...]
+
+
+Judge = Callable[[Hold], str]
+"""Says what is plainly wrong with a hold; empty if nothing is."""
+
+
+class Wizard:
+    """Leads through the poses.
+
+    Args:
+        poses: in their order.
+        trackers: names, in the order of the frames.
+        judge: looks at every hold before it is taken.
+        settings: times and patience.
+        holds: of an earlier run that is resumed, by pose.
+        only: names of the poses to be held; the others are not asked for.
+
+    Raises:
+        LocalregError: a name that no pose has.
+    """
+
+    def __init__(
+        self,
+        poses: Sequence[TargetPose],
+        trackers: Sequence[str],
+        *,
+        judge: Judge | None = None,
+        settings: WizardSettings | None = None,
+        holds: dict[str, Hold] | None = None,
+        only: Sequence[str] | None = None,
+    ) -> None:
+        names = [pose.name for pose in poses]
+        unknown = [name for name in [*(holds or {}), *(only or ())] if name not in names]
+        if unknown:
+            raise LocalregError(
+                f"there is no pose named {', '.join(unknown)}; there are {', '.join(names)}"
+            )
+        self.poses = tuple(poses)
+        self.trackers = tuple(trackers)
+        self.settings = settings or WizardSettings()
+        self.state = State.READY
+        self._judge = judge or (lambda hold: "")
+        self._holds: dict[str, Hold] = dict(holds or {})
+        self._asked = set(names if only is None else only)
+        self._detector = StillnessDetector(self.settings.stillness)
+        self._frames: list[TrackerFrame] = []
+        self._since: float | None = None
+        self._reminded: float | None = None
+        self._refusals = 0
+        self._message = ""
+        self._unseen: tuple[str, ...] = ()
+        self._last: TrackerFrame | None = None
+        self._has_traveled = True
+        self._index = self._next(0)
+        if self._index is None:
+            self.state = State.DONE
+
+    @property
+    def pose(self) -> TargetPose | None:
+        """The pose that is asked for."""
+        return None if self._index is None else self.poses[self._index]
+
+    @property
+    def holds(self) -> tuple[Hold, ...]:
+        """What is recorded, in the order of the poses."""
+        return tuple(self._holds[p.name] for p in self.poses if p.name in self._holds)
+
+    def snapshot(self) -> Snapshot:
+        """How things are now."""
+        asked = [pose for pose in self.poses if pose.name in self._asked]
+        pose = self.pose
+        number = len(asked) if pose is None else asked.index(pose) + 1
+        span = 0.0
+        if len(self._frames) > 1:
+            span = (self._frames[-1].time - self._frames[0].time) / self.settings.hold
+        return Snapshot(
+            self.state, pose, number, len(asked), min(span, 1.0),
+            tuple(hold.pose for hold in self.holds), self._message, self._unseen,
+        )  # fmt: skip
+
+    def go(self) -> None:
+        """Begin, or go on after a pause."""
+        if self.state is State.READY:
+            self._enter_moving()
+
+    def pause(self) -> None:
+        """Stop recording until `go`."""
+        if self.state in (State.MOVING, State.HOLDING):
+            self.state = State.READY
+            self._frames = []
+
+    def back(self) -> None:
+        """Throw the last recorded pose away and ask for it again."""
+        end = len(self.poses) if self._index is None else self._index
+        for index in range(end - 1, -1, -1):
+            pose = self.poses[index]
+            if pose.name in self._asked and pose.name in self._holds:
+                del self._holds[pose.name]
+                self._index = index
+                self._restart(f"Again: {pose.name}.")
+                return
+
+    def skip(self) -> None:
+        """Go on without the present pose."""
+        if self._index is not None:
+            self._asked.discard(self.poses[self._index].name)
+            self._advance()
+
+    def repeat(self, names: Sequence[str]) -> None:
+        """Ask for poses again, whatever was recorded of them.
+
+        Raises:
+            LocalregError: a name that no pose has.
+        """
+        known = {pose.name for pose in self.poses}
+        if unknown := [name for name in names if name not in known]:
+            raise LocalregError(f"there is no pose named {', '.join(unknown)}")
+        for name in names:
+            self._asked.add(name)
+            self._holds.pop(name, None)
+        self._index = self._next(0)
+        if self._index is not None:
+            self._restart("")
+
+    def push(self, frame: TrackerFrame) -> Event:
+        """Take a frame."""
+        missing = ~(frame.position_mask & frame.orientation_mask)
+        self._unseen = tuple(n for n, gone in zip(self.trackers, missing, strict=True) if gone)
+        if self.state in (State.READY, State.DONE):
+            return Event.NOTHING
+        if self._since is None:
+            self._since = self._reminded = frame.time
+        is_still = self._detector.push(frame)
+        seen = len(self.trackers) - len(self._unseen)
+        if seen < min(self.settings.min_trackers, len(self.trackers)):
+            return self._blind()
+        if self.state is State.MOVING:
+            return self._wait(frame, is_still)
+        return self._record(frame, is_still)
+
+    def _wait(self, frame: TrackerFrame, is_still: bool) -> Event:
+        self._has_traveled |= self._is_elsewhere(frame)
+        since = frame.time - (frame.time if self._since is None else self._since)
+        if is_still and self._has_traveled and since >= self.settings.get_ready:
+            self.state, self._frames = State.HOLDING, [frame]
+            self._message = "Hold it."
+            return Event.STILL
+        reminded = frame.time if self._reminded is None else self._reminded
+        if frame.time - reminded >= self.settings.timeout:
+            self._reminded = frame.time
+            self._message = (
+                "Still waiting: take the pose and hold still for a moment."
+                if self._has_traveled
+                else "Still waiting: this is the pose before; take the next one."
+            )
+            return Event.TIMED_OUT
+        return Event.NOTHING
+
+    def _record(self, frame: TrackerFrame, is_still: bool) -> Event:
+        if not is_still:
+            self.state, self._frames = State.MOVING, []
+            self._message = "That was too short: hold still until it is recorded."
+            return Event.MOVED
+        self._frames.append(frame)
+        if frame.time - self._frames[0].time < self.settings.hold:
+            return Event.NOTHING
+        pose = self.pose
+        assert pose is not None  # noqa: S101  (only holding when there is one)
+        hold = Hold.of_frames(pose.name, self._frames)
+        self._last = frame
+        wrong = self._judge(hold)
+        if wrong and self._refusals < self.settings.retries:
+            self._refusals += 1
+            self._enter_moving(f"{wrong[0].upper()}{wrong[1:]}; look at the picture and try again.")
+            return Event.REFUSED
+        self._holds[pose.name] = hold
+        self._advance()
+        return Event.FINISHED if self.state is State.DONE else Event.RECORDED
+
+    def _blind(self) -> Event:
+        was_holding = self.state is State.HOLDING
+        self.state, self._frames = State.MOVING, []
+        self._message = f"Not seen: {', '.join(self._unseen)}."
+        return Event.BLIND if was_holding else Event.NOTHING
+
+    def _is_elsewhere(self, frame: TrackerFrame) -> bool:
+        """Whether the body has left the pose before."""
+        if self._last is None:
+            return True
+        both = frame.position_mask & self._last.position_mask
+        away = ((frame.positions - self._last.positions) ** 2).sum(axis=1)[both]
+        return bool(away.size) and bool(away.max() > self.settings.travel**2)
+
+    def _advance(self) -> None:
+        self._refusals = 0
+        self._index = self._next(0 if self._index is None else self._index)
+        if self._index is None:
+            self._index = self._next(0)
+        if self._index is None:
+            self.state, self._frames, self._message = State.DONE, [], "All poses are recorded."
+        else:
+            self._enter_moving("Recorded.")
+
+    def _next(self, start: int) -> int | None:
+        for index in range(start, len(self.poses)):
+            name = self.poses[index].name
+            if name in self._asked and name not in self._holds:
+                return index
+        return None
+
+    def _restart(self, message: str) -> None:
+        self._refusals = 0
+        self._last = None
+        self._enter_moving(message)
+
+    def _enter_moving(self, message: str = "") -> None:
+        self.state, self._frames, self._message = State.MOVING, [], message
+        self._since = self._reminded = None
+        self._has_traveled = self._last is None
+        self._detector.reset()
