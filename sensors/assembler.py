@@ -24,7 +24,8 @@ So the assembler does three things instead of waiting:
    period, admits a full line (52 Hz, 17 ms on the way, d = 12.5 ms: at most 24 ms), but a
    lost sample of a 40 Hz stream is masked.
 
-Outliers pass: telling them from motion is the business of the robust energy downstream.
+Outliers pass: telling them from motion is the business of the robust energy downstream. Two
+trackers that exchange their places pass, too, but are reported.
 The core is pure (`push`, `poll` with a given time), holds no thread and reads no clock.
 """
 
@@ -44,6 +45,7 @@ from sensors.history import TrackerHistory
 from sensors.placement import RoomTransform
 from sensors.pose import PoseSample, TrackerFrame
 from sensors.settings import Settings
+from sensors.swaps import SwapDetector
 
 _LOCK_SMOOTHING = 1.0 / 64.0
 _LOCK_CONCENTRATION = 0.9
@@ -150,6 +152,7 @@ class AssemblerCounters:
         interpolated: tracker entries between two samples, or on one.
         extrapolated: tracker entries past the newest sample by more than the tolerance.
         masked: tracker entries without a value.
+        swaps: pairs of trackers that changed places.
     """
 
     samples: int = 0
@@ -165,6 +168,7 @@ class AssemblerCounters:
     interpolated: int = 0
     extrapolated: int = 0
     masked: int = 0
+    swaps: int = 0
 
     @property
     def dropped(self) -> int:
@@ -247,6 +251,7 @@ class FrameAssembler:
         self._rows = {name: j for j, name in enumerate(self.trackers)}
         self._histories = [TrackerHistory() for _ in self.trackers]
         self._grid = _Grid(T)
+        self._swaps = SwapDetector(self.trackers, c.swap_distance)
         J = len(self.trackers)
         self._positions = np.zeros((J, 3))
         self._quaternions = np.tile(rotation.IDENTITY, (J, 1))
@@ -373,10 +378,12 @@ class FrameAssembler:
         self._quaternions = rotation.slerp(q_older, q_newer, fractions)
         # Copies: the frame is the caller's, ours hold the last value for masked entries.
         frame = TrackerFrame(t, self._positions.copy(), self._quaternions.copy(), mask, mask.copy())
+        swaps = self._swaps.observe(t, self._positions, mask)
         assembled = AssembledFrame(
-            frame, newest_arrival if mask.any() else math.nan, now, grid.index
+            frame, newest_arrival if mask.any() else math.nan, now, grid.index, swaps
         )
         counters.frames += 1
+        counters.swaps += len(swaps)
         grid.index += 1
         shift = grid.lock.step(self.config.delay / self.period) if self.config.lock_phase else 0.0
         grid.next = t + (1.0 + shift) * self.period

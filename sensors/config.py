@@ -65,6 +65,8 @@ class SensorsConfig(Settings):
         twice = [name for name, n in Counter(self.trackers).items() if n > 1]
         if twice:
             raise ValueError(f"tracker {twice[0]} is reported by two devices; name each once")
+        if len(self.devices) > 1 and any(isinstance(d, ReplayConfig) for d in self.devices):
+            raise ValueError("a replay lives on the time of its recording; let it be alone")
         names = [d.name for d in self.devices if d.name]
         if len(set(names)) != len(names):
             raise ValueError(f"devices are named {', '.join(names)}; give each a name of its own")

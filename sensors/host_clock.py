@@ -30,6 +30,10 @@ class ScaledClock(HostClock):
         self._start = start
         self._began = time.monotonic()
 
+    def restart(self) -> None:
+        """Let it show its first time now."""
+        self._began = time.monotonic()
+
     def now(self) -> float:
         """The present [s]."""
         return self._start + (time.monotonic() - self._began) * self.speed

@@ -43,6 +43,7 @@ class Device(ABC):
         samples: SampleQueue | None = None,
         recorder: ChunkSink | None = None,
     ) -> None:
+        self.settings = config
         self.name = config.name or config.kind
         self.samples = SampleQueue() if samples is None else samples
         self.recorder = recorder

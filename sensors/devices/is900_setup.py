@@ -55,7 +55,7 @@ class Is900Setup:
 
         Args:
             stations: stations to switch on; all others that are on are switched off, for
-                they would take a share of the line.
+                they would take a share of the line. None: those that are on.
             items: wanted output list.
             prediction_ms: prediction by the device [ms].
             reset: begin with a reset.
@@ -73,6 +73,8 @@ class Is900Setup:
             self._link.write(commands.RESET)
         self._wait_for_answer(self._reset_timeout if reset else 2.0 * self._answer_timeout)
         flags = self._ask(commands.ALL_STATIONS, parse_station_flags)
+        if not stations:
+            stations = tuple(n for n, on in enumerate((flags or ())[:12], start=1) if on)
         for n, on in enumerate(flags or (), start=1):
             if on and n not in stations and n <= 12:
                 self._link.write(commands.station_on(n, False))

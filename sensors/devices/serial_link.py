@@ -2,12 +2,25 @@
 
 import os
 import select
+from pathlib import Path
 
 import serial
+from serial.tools import list_ports
 
 from sensors.errors import ConnectionFailedError, LinkLostError
 
 _READ_SIZE = 65536
+
+
+def _why(url: str, error: Exception) -> str:
+    if "://" not in url and not Path(url).exists():
+        ports = ", ".join(sorted(p.device for p in list_ports.comports()))
+        there = f"there are {ports}" if ports else "there are no serial ports at all"
+        return f"cannot open {url}: there is no such port, {there}; check the name and the cable"
+    return (
+        f"cannot open {url}: {error}; check the name, the cable, the permissions (group dialout) "
+        "and whether another program has it"
+    )
 
 
 class SerialLink:
@@ -29,10 +42,7 @@ class SerialLink:
                 url, baudrate=baud, timeout=0, write_timeout=1.0, exclusive=True
             )
         except (serial.SerialException, OSError, ValueError, KeyError) as error:
-            raise ConnectionFailedError(
-                f"cannot open {url}: {error}; check the name, the cable, the permissions "
-                "(group dialout) and whether another program has it"
-            ) from error
+            raise ConnectionFailedError(_why(url, error)) from error
         self._wake_read, self._wake_write = os.pipe()
 
     def read(self, timeout: float) -> bytes:

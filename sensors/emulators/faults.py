@@ -6,7 +6,7 @@ Everything random comes from one seeded generator, so a run can be repeated.
 
 import dataclasses
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -109,8 +109,56 @@ class Dropout(Fault):
     station: int = 1
 
 
+@dataclass(frozen=True, slots=True)
+class Swap(Fault):
+    """Two stations report each other's poses, as when two cables are mixed up.
+
+    Attributes:
+        station: 1..12.
+        other: 1..12.
+    """
+
+    name: ClassVar[str] = "swap"
+
+    station: int = 1
+    other: int = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Stall(Fault):
+    """Everything is held back, and comes at once afterward: a busy network or host."""
+
+    name: ClassVar[str] = "stall"
+
+    duration: float = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Corruption(Fault):
+    """Records in which single bits are turned over.
+
+    Attributes:
+        probability: chance of each record.
+    """
+
+    name: ClassVar[str] = "corruption"
+
+    probability: float = 0.1
+
+
 KINDS: dict[str, type[Fault]] = {
-    kind.name: kind for kind in (Junk, Truncation, Silence, PowerCycle, Jump, Dropout)
+    kind.name: kind
+    for kind in (
+        Junk,
+        Truncation,
+        Corruption,
+        Silence,
+        Stall,
+        PowerCycle,
+        Jump,
+        Dropout,
+        Swap,
+    )
 }
 
 
@@ -177,6 +225,10 @@ class FaultMaker:
         """Whether nothing may leave the device."""
         return any(isinstance(f, Silence) and f.active(t) for f in self._faults)
 
+    def is_stalled(self, t: float) -> bool:
+        """Whether what is sent must wait."""
+        return any(isinstance(f, Stall) and f.active(t) for f in self._faults)
+
     def takes_power_cycle(self, t: float) -> bool:
         """Whether a power cycle is due; true once for each."""
         due = [
@@ -186,6 +238,15 @@ class FaultMaker:
         ]
         self._cycled.update(due)
         return bool(due)
+
+    def bend_all(self, poses: Sequence[StationPose | None], t: float) -> list[StationPose | None]:
+        """What the stations 1, 2, ... report instead of their true poses."""
+        order = list(range(len(poses)))
+        for f in self._faults:
+            if isinstance(f, Swap) and f.active(t) and max(f.station, f.other) <= len(order):
+                a, b = f.station - 1, f.other - 1
+                order[a], order[b] = order[b], order[a]
+        return [self.bend(n, poses[j], t) for n, j in enumerate(order, start=1)]
 
     def bend(self, station: int, pose: StationPose | None, t: float) -> StationPose | None:
         """What the station reports instead of its true pose; None for no report."""
@@ -210,7 +271,11 @@ class FaultMaker:
         for f in self._faults:
             if not f.active(t):
                 continue
-            if isinstance(f, Truncation) and self._rng.random() < f.probability:
+            if isinstance(f, Corruption) and record and self._rng.random() < f.probability:
+                spoilt = bytearray(record)
+                spoilt[int(self._rng.integers(len(spoilt)))] ^= 1 << int(self._rng.integers(8))
+                record = bytes(spoilt)
+            if isinstance(f, Truncation) and record and self._rng.random() < f.probability:
                 record = record[: int(self._rng.integers(0, len(record)))]
             if isinstance(f, Junk) and self._rng.random() < f.probability:
                 record = self._rng.bytes(int(self._rng.integers(1, f.length + 1))) + record

@@ -169,6 +169,8 @@ class Is900Emulator:
         while not self._stop.is_set():
             now = time.monotonic()
             due = self._next_cycle if not self._outgoing else self._outgoing[0][0]
+            if self.faults.is_stalled(self.motion_time(now)):
+                due = now + _RETRY_PAUSE
             wake = self._next_cycle - (0.0 if self._prepared else self._lead)
             wait = max(0.0, min(due, wake) - now)
             descriptors = [self._wake_read, *self._endpoint.readable()]
@@ -247,8 +249,7 @@ class Is900Emulator:
         t = self.motion_time(instant)
 
         def bent(at: float) -> list[StationPose | None]:
-            poses = self._pose_at(at)
-            return [self.faults.bend(n, pose, t) for n, pose in enumerate(poses, start=1)]
+            return self.faults.bend_all(self._pose_at(at), t)
 
         records = self.unit.records(bent, t, self._device_time(instant))
         return [self.faults.spoil(self.unit.encode(record), t) for _, record in records]
@@ -260,6 +261,8 @@ class Is900Emulator:
 
     def _flush(self, now: float) -> None:
         due = bytearray()
+        if self.faults.is_stalled(self.motion_time(now)):
+            return
         while self._outgoing and self._outgoing[0][0] <= now:
             due += self._outgoing.popleft()[1]
         if due:

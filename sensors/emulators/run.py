@@ -14,15 +14,23 @@ import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, TypeVar, get_args
+from typing import Any, Literal, TypeVar, get_args
 
+from sensors.emulators.beat import BeatEmulator
 from sensors.emulators.endpoints import Endpoint, PtyEndpoint, TcpEndpoint
 from sensors.emulators.faults import Noise, parse_fault
 from sensors.emulators.is900 import Is900Emulator, Start
-from sensors.emulators.source import Playback, PoseSource, looped, wandering
+from sensors.emulators.is900_udp import Is900UdpEmulator
+from sensors.emulators.osc import PORTS, OscEmulator
+from sensors.emulators.recorded import load_motion
+from sensors.emulators.source import PoseSource, looped, wandering
+from sensors.emulators.vrpn import VrpnEmulator
 from sensors.errors import ConfigurationError
+from sensors.protocols import is900_udp, vrpn
 
 AtEnd = Literal["hold", "loop", "exit"]
+Protocol = Literal["is900", "is900-udp", "vrpn", "vmc", "vrchat"]
+Emulator = Is900Emulator | BeatEmulator
 _Word = TypeVar("_Word", bound=str)
 
 # A closing pseudo terminal takes unread bytes with it: give the host time for the last ones.
@@ -34,6 +42,8 @@ class EmulateOptions:
     """Options of the command; see `sensors emulate --help`."""
 
     playback: Path | None = None
+    protocol: str = "is900"
+    to: str = ""
     stations: int = 6
     rate: float = 40.0
     tcp: str = ""
@@ -62,19 +72,16 @@ def run_emulator(options: EmulateOptions) -> None:
     stop: queue.SimpleQueue[str] = queue.SimpleQueue()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.put("signal"))
-    emulator = Is900Emulator(
-        source,
-        stations=len(names),
-        rate=options.rate,
-        endpoint=_endpoint(options),
-        start=start,
-        faults=faults,
-        noise=Noise(options.noise_position, options.noise_orientation),
-        seed=options.seed,
-        baud=options.baud or None,
-        clock_drift=options.clock_drift,
-        on_start=lambda zero: _say("start", monotonic=zero),
-    )
+    common: dict[str, Any] = {
+        "rate": options.rate,
+        "start": start,
+        "faults": faults,
+        "noise": Noise(options.noise_position, options.noise_orientation),
+        "seed": options.seed,
+        "clock_drift": options.clock_drift,
+        "on_start": lambda zero: _say("start", monotonic=zero),
+    }
+    emulator = _emulator(options, source, len(names), common)
     with emulator:
         _say(
             "ready",
@@ -100,20 +107,43 @@ def _source(
             raise ConfigurationError(f"there cannot be {options.stations} stations; give 1 to 12")
         names = tuple(f"station{n}" for n in range(1, options.stations + 1))
         return wandering(options.stations), names, None
-    motion = Playback.load(options.playback)
+    motion = load_motion(options.playback)
     source: PoseSource = motion.pose_at
     if at_end == "loop":
         source = looped(source, motion.duration)
     return source, motion.names, motion.duration
 
 
+def _emulator(
+    options: EmulateOptions, source: PoseSource, stations: int, common: dict[str, Any]
+) -> Emulator:
+    protocol = _choice("protocol", options.protocol, get_args(Protocol))
+    if protocol == "is900":
+        baud = options.baud or None
+        return Is900Emulator(
+            source, stations=stations, endpoint=_endpoint(options), baud=baud, **common
+        )
+    if protocol == "vrpn":
+        host, port = _host_and_port("tcp", options.tcp or f"127.0.0.1:{vrpn.DEFAULT_PORT}")
+        return VrpnEmulator(source, host=host, port=port, **common)
+    usual = {"is900-udp": is900_udp.DEFAULT_PORT, "vmc": PORTS["vmc"], "vrchat": PORTS["vrchat"]}
+    host, port = _host_and_port("to", options.to or f"127.0.0.1:{usual[protocol]}")
+    if protocol == "is900-udp":
+        return Is900UdpEmulator(source, host=host, port=port, **common)
+    return OscEmulator(source, host=host, port=port, dialect=protocol, **common)
+
+
 def _endpoint(options: EmulateOptions) -> Endpoint:
     if not options.tcp:
         return PtyEndpoint(options.link)
-    host, _, port = options.tcp.rpartition(":")
+    return TcpEndpoint(*_host_and_port("tcp", options.tcp))
+
+
+def _host_and_port(name: str, text: str) -> tuple[str, int]:
+    host, _, port = text.rpartition(":")
     if not host or not port.isdecimal() or int(port) > 65535:
-        raise ConfigurationError(f"tcp is {options.tcp!r}; give host:port, like 127.0.0.1:5001")
-    return TcpEndpoint(host, int(port))
+        raise ConfigurationError(f"{name} is {text!r}; give host:port, like 127.0.0.1:5001")
+    return host, int(port)
 
 
 def _choice(name: str, value: str, valid: tuple[_Word, ...]) -> _Word:
@@ -123,7 +153,7 @@ def _choice(name: str, value: str, valid: tuple[_Word, ...]) -> _Word:
     raise ConfigurationError(f"{name} is {value!r}; choose from {', '.join(valid)}")
 
 
-def _wait(emulator: Is900Emulator, stop: "queue.SimpleQueue[str]", duration: float | None) -> str:
+def _wait(emulator: Emulator, stop: "queue.SimpleQueue[str]", duration: float | None) -> str:
     while True:
         zero = emulator.motion_zero
         left = None
@@ -138,7 +168,7 @@ def _wait(emulator: Is900Emulator, stop: "queue.SimpleQueue[str]", duration: flo
             continue
 
 
-def _obey(emulator: Is900Emulator, stop: "queue.SimpleQueue[str]") -> None:
+def _obey(emulator: Emulator, stop: "queue.SimpleQueue[str]") -> None:
     for line in sys.stdin:
         word, _, rest = line.strip().partition(" ")
         if word == "begin":

@@ -144,7 +144,7 @@ def test_only_the_listed_items_are_made():
 def test_faults_by_name():
     fault = parse_fault("jump, station=3, start=2, duration=1, dx=0.5, turn=90")
     assert fault == Jump(start=2.0, duration=1.0, station=3, dx=0.5, turn=90.0)
-    with pytest.raises(ConfigurationError, match="there are junk, truncation, silence"):
+    with pytest.raises(ConfigurationError, match="there are junk, truncation, corruption, silence"):
         parse_fault("fire")
     with pytest.raises(ConfigurationError, match="start, duration, station"):
         parse_fault("dropout,where=3")

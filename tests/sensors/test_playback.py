@@ -116,7 +116,15 @@ def test_nothing_is_unpickled(tmp_path):
         (["emulate", "--stations", "13"], "1 to 12"),
         (["emulate", "--fault", "fire"], "no fault is called"),
         (["emulate", "--tcp", "here"], "host:port"),
-        (["monitor", "/dev/null", "--stations", "0"], "stations are"),
+        (["emulate", "--protocol", "morse"], "is900, is900-udp, vrpn, vmc, vrchat"),
+        (["monitor", "/dev/nope"], "cannot open /dev/nope: there is no such port"),
+        (["monitor"], "name either a device"),
+        (["monitor", "socket://127.0.0.1:9", "--station", "head"], "write tracker=station"),
+        (["monitor", "vmc://127.0.0.1:tea"], "has no port"),
+        (["record", "/nowhere/walk.mcap", "/dev/nope"], "no such port"),
+        (["replay", "/nowhere/walk.mcap"], "cannot read /nowhere/walk.mcap"),
+        (["replay", "/dev/null", "--check"], "holds no tracker data"),
+        (["align", "--config", "/nowhere/walk.toml"], "cannot read /nowhere/walk.toml"),
     ],
 )
 def test_wrong_use_is_one_sentence_and_exit_code_one(arguments, words):

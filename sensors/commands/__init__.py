@@ -1,0 +1,1 @@
+"""What the commands of `localreg sensors` do; imported when they are called."""
