@@ -48,7 +48,7 @@ Skeletons = Annotated[
     Path | None,
     typer.Option(
         metavar="DIR",
-        help="Folder with ASF files to learn people's proportions from, beside the published table.",
+        help="Folder with ASF files; people's proportions are learned from them, too.",
         show_default=False,
     ),
 ]

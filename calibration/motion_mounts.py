@@ -1,0 +1,290 @@
+"""Mounts seen in ordinary motion: where each tracker sits, judged by all the others.
+
+For every tracker the body is synthesized without it; where the tracker is on that body is one
+reading of its mount a frame. The other trackers and the database know the bone that carries
+it only so well, and a person's habits (how a head is held, how a hand hangs) offset all
+readings alike, so a reading is never better than `HABIT` says, however long the motion.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+from scipy.spatial.transform import Rotation
+
+from calibration.fit import robust_mean
+from localreg.body.subject import CalibrationRecord, Mount, Subject
+from localreg.errors import LocalregError
+from localreg.evaluation.body_points import BodyPoints
+from localreg.synthesis.estimator import AnyEstimator
+from sensors.pose import TrackerFrame
+
+HABIT: Final = (0.025, float(np.radians(6.0)))
+HEAD_HABIT: Final = (0.025, float(np.radians(10.0)))
+"""What readings are off by on each axis, all alike: position [m], turn [rad]."""
+
+_SETTLING: Final = 10
+_BLOCKS: Final = 5
+_LEAST_FRAMES: Final = 80
+_UNKNOWN: Final = (0.04, float(np.radians(20.0)))
+"""How far off a mount may be of which the file says nothing [m], [rad]."""
+
+_SLIPPED: Final = 3.0
+
+Progress = Callable[[int, int, str], None]
+BuildEstimator = Callable[[Subject], AnyEstimator]
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """One tracker's mount as the others see it.
+
+    Attributes:
+        tracker: its name.
+        position: in the bone's frame [m].
+        turn: tracker axes to bone axes.
+        position_sd: standard deviation on each axis [m].
+        turn_sd: about each axis [rad].
+    """
+
+    tracker: str
+    position: Float[ndarray, "3"]
+    turn: Rotation
+    position_sd: float
+    turn_sd: float
+
+    def away(self, mount: Mount) -> tuple[float, float]:
+        """How far it is from a mount [m], and turned against it [rad]."""
+        distance = float(np.linalg.norm(self.position - np.array(mount.position)))
+        file = Rotation.from_quat(mount.quaternion, scalar_first=True)
+        return distance, float((file.inv() * self.turn).magnitude())
+
+
+@dataclass(frozen=True, slots=True)
+class MountCheck:
+    """What became of one tracker's mount.
+
+    Attributes:
+        tracker: its name.
+        distance: between reading and file [m].
+        turn: the same [rad].
+        score: the same in standard deviations, the larger of both per axis.
+    """
+
+    tracker: str
+    distance: float
+    turn: float
+    score: float
+
+    @property
+    def has_slipped(self) -> bool:
+        """Whether habits and chance do not explain it."""
+        return self.score > _SLIPPED
+
+
+def read_mount(
+    estimator: AnyEstimator,
+    frames: Sequence[TrackerFrame],
+    tracker: str,
+    ignored: Sequence[str] = (),
+    progress: Callable[[int], None] | None = None,
+) -> Reading:
+    """Read one tracker's mount.
+
+    Args:
+        estimator: of the subject; `frames` have its trackers in its order.
+        frames: motion at the estimator's rate.
+        tracker: whose mount.
+        ignored: further trackers that are not trusted.
+        progress: told after every frame how many are done.
+
+    Raises:
+        LocalregError: too little motion, or the tracker was hardly seen in it.
+    """
+    subject = estimator.subject
+    names = subject.trackers
+    j = names.index(tracker)
+    if len(frames) < _LEAST_FRAMES:
+        raise LocalregError(
+            f"{len(frames)} frames of motion are too few; move about for {_LEAST_FRAMES} or more"
+        )
+    hidden = np.isin(names, [tracker, *ignored])
+    carrier = replace(subject.mounts[j], position=(0.0, 0.0, 0.0), quaternion=(1.0, 0.0, 0.0, 0.0))
+    body = BodyPoints(replace(subject, mounts=(carrier,)))
+    state = estimator.init(_without(frames[0], hidden))
+    qpos, seen = [], []
+    for index, frame in enumerate(frames):
+        state, pose = estimator.step(state, _without(frame, hidden))
+        if index >= _SETTLING and frame.position_mask[j] and frame.orientation_mask[j]:
+            qpos.append(np.asarray(pose.qpos))
+            seen.append(index)
+        if progress is not None:
+            progress(index + 1)
+    if len(seen) < _LEAST_FRAMES // 2:
+        raise LocalregError(f"tracker {tracker} was hardly seen; see that it is on and not hidden")
+    bone = body.tracker_poses(np.array(qpos, dtype=float))
+    turned = Rotation.from_quat(bone.quaternions[:, 0], scalar_first=True)
+    at = np.array([frames[i].positions[j] for i in seen])
+    measured = Rotation.from_quat(
+        np.array([frames[i].quaternions[j] for i in seen]), scalar_first=True
+    )
+    positions = turned.inv().apply(at - bone.positions[:, 0])
+    turns = turned.inv() * measured
+    return _averaged(tracker, positions, turns, HEAD_HABIT if carrier.bone == "head" else HABIT)
+
+
+def _averaged(
+    tracker: str, positions: Float[ndarray, "n 3"], turns: Rotation, habit: tuple[float, float]
+) -> Reading:
+    position = np.median(positions, axis=0)
+    turn = robust_mean([turns[i] for i in range(0, len(turns), max(1, len(turns) // 60))])
+    blocks = np.array_split(np.arange(len(positions)), _BLOCKS)
+    by_block = np.array([np.median(positions[b], axis=0) for b in blocks])
+    turned = np.array(
+        [(turn.inv() * turns[int(b[0]) : int(b[-1]) + 1]).as_rotvec().mean(axis=0) for b in blocks]
+    )
+    position_sd = float(np.hypot(habit[0], by_block.std(axis=0).mean() / np.sqrt(_BLOCKS)))
+    turn_sd = float(np.hypot(habit[1], turned.std(axis=0).mean() / np.sqrt(_BLOCKS)))
+    return Reading(tracker, position, turn, position_sd, turn_sd)
+
+
+def _without(frame: TrackerFrame, hidden: ndarray) -> TrackerFrame:
+    return frame._replace(
+        position_mask=frame.position_mask & ~hidden,
+        orientation_mask=frame.orientation_mask & ~hidden,
+    )
+
+
+def check_mounts(
+    subject: Subject,
+    build: BuildEstimator,
+    frames: Sequence[TrackerFrame],
+    progress: Progress | None = None,
+) -> list[MountCheck]:
+    """Compare every mount with what motion says.
+
+    A tracker that has slipped misleads the readings of the others, so the worst is taken out
+    and the rest read again, until nothing stands out.
+
+    Args:
+        subject: as calibrated.
+        build: makes an estimator for a subject.
+        frames: motion at the estimator's rate.
+        progress: told how many readings are done, of how many, and of which tracker.
+
+    Raises:
+        LocalregError: too little motion.
+    """
+    estimator = build(subject)
+    slipped: list[MountCheck] = []
+    while True:
+        ignored = [check.tracker for check in slipped]
+        names = [name for name in subject.trackers if name not in ignored]
+        checks = []
+        for done, name in enumerate(names):
+            if progress is not None:
+                progress(done, len(names), name)
+            reading = read_mount(estimator, frames, name, ignored)
+            checks.append(_checked(reading, subject))
+        worst = max(checks, key=lambda check: check.score)
+        if not worst.has_slipped or len(names) <= 3:
+            by_name = {check.tracker: check for check in [*checks, *slipped]}
+            return [by_name[name] for name in subject.trackers]
+        slipped.append(worst)
+
+
+def _checked(reading: Reading, subject: Subject) -> MountCheck:
+    mount = next(m for m in subject.mounts if m.tracker == reading.tracker)
+    distance, turn = reading.away(mount)
+    position_sd, turn_sd = known_deviations(subject, reading.tracker, otherwise=(0.0, 0.0))
+    # A length of three axes: root three times one axis' deviation.
+    far = distance / (np.sqrt(3.0) * np.hypot(reading.position_sd, position_sd))
+    askew = turn / (np.sqrt(3.0) * np.hypot(reading.turn_sd, turn_sd))
+    return MountCheck(reading.tracker, distance, turn, float(np.sqrt(3.0) * max(far, askew)))
+
+
+def known_deviations(
+    subject: Subject, tracker: str, otherwise: tuple[float, float] = _UNKNOWN
+) -> tuple[float, float]:
+    """What a subject's file says of a mount: deviation of position [m] and turn [rad]."""
+    record = subject.calibration
+    if record is None or tracker not in record.position_sd:
+        return otherwise
+    position = float(np.sqrt(np.mean(np.square(record.position_sd[tracker]))))
+    turn = float(np.sqrt(np.mean(np.square(record.orientation_sd[tracker]))))
+    return position, turn
+
+
+def refine_mounts(
+    subject: Subject,
+    build: BuildEstimator,
+    frames: Sequence[TrackerFrame],
+    *,
+    rounds: int = 2,
+    progress: Progress | None = None,
+) -> Subject:
+    """Mounts from the file and from motion, each weighed by how well it knows.
+
+    Args:
+        subject: as calibrated, or guessed.
+        build: makes an estimator for a subject.
+        frames: motion at the estimator's rate.
+        rounds: how often all mounts are read; better mounts make better readings.
+        progress: told how many readings are done, of how many, and of which tracker.
+
+    Returns:
+        The subject with better mounts and their deviations on record.
+
+    Raises:
+        LocalregError: too little motion.
+    """
+    slipped = {check.tracker for check in check_mounts(subject, build, frames) if check.has_slipped}
+    best = subject
+    position_sd: dict[str, tuple[float, float, float]] = {}
+    orientation_sd: dict[str, tuple[float, float, float]] = {}
+    for number in range(rounds):
+        estimator = build(best)
+        mounts = []
+        for j, mount in enumerate(subject.mounts):
+            if progress is not None:
+                done = number * len(subject.mounts) + j
+                progress(done, rounds * len(subject.mounts), mount.tracker)
+            ignored = slipped - {mount.tracker} if number == 0 else set()
+            reading = read_mount(estimator, frames, mount.tracker, sorted(ignored))
+            before = known_deviations(subject, mount.tracker)
+            if mount.tracker in slipped:  # what the file knew is of another place
+                before = _UNKNOWN
+            better, deviations = _combined(mount, before, reading)
+            mounts.append(better)
+            p, r = deviations
+            position_sd[mount.tracker] = (p, p, p)
+            orientation_sd[mount.tracker] = (r, r, r)
+        best = replace(subject, mounts=tuple(mounts))
+    old = subject.calibration or CalibrationRecord(date="")
+    notes = (*old.notes, *(f"tracker {name} had slipped" for name in sorted(slipped)))
+    record = replace(
+        old,
+        method=f"{old.method or 'unknown'}, mounts refined by motion",
+        position_sd=position_sd,
+        orientation_sd=orientation_sd,
+        notes=notes,
+    )
+    return replace(best, calibration=record)
+
+
+def _combined(
+    mount: Mount, before: tuple[float, float], reading: Reading
+) -> tuple[Mount, tuple[float, float]]:
+    """The file's mount moved towards the reading by its share of what is known."""
+    gain_p = before[0] ** 2 / (before[0] ** 2 + reading.position_sd**2)
+    gain_r = before[1] ** 2 / (before[1] ** 2 + reading.turn_sd**2)
+    position = (1.0 - gain_p) * np.array(mount.position) + gain_p * reading.position
+    file = Rotation.from_quat(mount.quaternion, scalar_first=True)
+    turn = file * Rotation.from_rotvec(gain_r * (file.inv() * reading.turn).as_rotvec())
+    x, y, z = (float(value) for value in position)
+    w, i, j, k = (float(value) for value in turn.as_quat(scalar_first=True))
+    deviations = before[0] * np.sqrt(1.0 - gain_p), before[1] * np.sqrt(1.0 - gain_r)
+    return replace(mount, position=(x, y, z), quaternion=(w, i, j, k)), deviations
