@@ -87,28 +87,31 @@ def run(
     SIGTERM stop cleanly with all files closed. SIGUSR1, or POST /recenter on the status
     port, makes the performer's present place the origin and the present heading ahead.
     """
+    from contextlib import ExitStack
+
     from localreg.commands.console import notes, output
-    from localreg.live.config import read_run_config
     from localreg.live.config_files import find_config
 
     file = find_config(config)
     if show:
         output().print(file.read_text(encoding="utf-8"), end="", soft_wrap=True)
         return
-    settings = read_run_config(file)
-    from localreg.live import daemon
 
-    options = daemon.RunOptions(
+    from localreg.live.config import read_run_config
+    from localreg.live.run_options import RunOptions, wearer_of
+    from localreg.live.status_server import ADDRESS, StatusServer
+
+    settings = read_run_config(file)
+    options = RunOptions(
         database=database,
         subject=subject,
         seconds=seconds,
         record=tuple(record or ()),
-        status_port=status_port,
         health=health,
         host=host,
     )
+    wearer = wearer_of(settings, options)
     if check:
-        wearer = daemon.check(settings, options)
         output().print(
             f"{file}: good; {len(settings.devices)} devices, trackers "
             f"{', '.join(wearer.trackers)}, method {settings.synthesis.method}, outputs "
@@ -117,7 +120,19 @@ def run(
         )
         return
     console = notes()
-    last = daemon.run(settings, options, lambda words: console.print(words, soft_wrap=True))
+
+    def tell(words: str) -> None:
+        console.print(words, soft_wrap=True)
+
+    with ExitStack() as stack:
+        status = None
+        if status_port is not None:
+            status = StatusServer(status_port)
+            stack.callback(status.close)
+            tell(f"status: http://{ADDRESS}:{status.port}/")
+        from localreg.live import daemon
+
+        last = daemon.run(settings, options, tell, status)
     output().print(
         f"{last['frames']} frames, {last['late_frames']} late ({last['late_percent']:.2f} %), "
         f"{last['held_frames']} held, {last['dropped_samples']} samples dropped",

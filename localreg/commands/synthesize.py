@@ -169,11 +169,11 @@ def _synthesize_recording(
     from localreg.commands.console import notes, output, progress_bar
     from localreg.errors import LocalregError
     from localreg.live.database_choice import choose_database
-    from localreg.live.raw_frames import frames_from_raw
     from localreg.live.retake import largest_difference, solve_again
     from localreg.live.take import Take
     from localreg.motion.formats import write_motion
     from localreg.synthesis.methods import METHODS, build_synthesizer
+    from sensors.recording.replay import replay_frames
 
     if method is not None and method not in METHODS:
         raise typer.BadParameter(
@@ -202,7 +202,7 @@ def _synthesize_recording(
     estimator = build_synthesizer(settings, wearer, chosen.poses)
     with progress_bar("solving") as bar:
         retake = solve_again(
-            frames_from_raw(source),
+            replay_frames(source),
             estimator,
             take.performance,
             take.searches if is_repetition else None,

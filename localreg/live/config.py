@@ -23,7 +23,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from localreg.live.performance import PerformanceConfig
+from localreg.live.performance_config import PerformanceConfig
 from sensors.config import SensorsConfig, read_toml
 from sensors.settings import Settings
 
@@ -85,6 +85,21 @@ class JsonOutput(Settings):
     port: _Port = 39550
 
 
+class VrpnOutput(Settings):
+    """A VRPN server whose tracker has the root and the bones as sensors.
+
+    Attributes:
+        protocol: the kind of output.
+        port: where it listens, on 127.0.0.1 unless `localreg run --host` says otherwise; 0
+            for any.
+        device: name of the tracker.
+    """
+
+    protocol: Literal["vrpn"]
+    port: Annotated[int, Field(ge=0, le=65535)] = 3883
+    device: str = "Body0"
+
+
 class LslOutput(Settings):
     """A stream of the Lab Streaming Layer, which announces itself to the whole network.
 
@@ -98,7 +113,7 @@ class LslOutput(Settings):
 
 
 OutputConfig = Annotated[
-    VmcOutput | VrchatOutput | JsonOutput | LslOutput, Field(discriminator="protocol")
+    VmcOutput | VrchatOutput | JsonOutput | VrpnOutput | LslOutput, Field(discriminator="protocol")
 ]
 """Settings of any output; the key `protocol` says which."""
 

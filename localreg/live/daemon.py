@@ -1,8 +1,8 @@
 """`localreg run`: everything that a performer's machine runs for hours, put together.
 
 What can fail because of the user or the machine fails before anything slow begins: the
-configuration, ports and files first, the database next, then compiling, and the trackers
-last, which are waited for as long as it takes.
+configuration and the database, then ports and files, then compiling, and the trackers last,
+which are waited for as long as it takes.
 """
 
 import contextlib
@@ -11,14 +11,12 @@ import math
 import signal
 import tempfile
 import threading
-import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from localreg.body.subject import Subject, canonical_subject, read_subject
+from localreg.body.subject import Subject, read_subject
 from localreg.errors import LocalregError
 from localreg.live.config import EmulatorConfig, RunConfig
 from localreg.live.database_choice import ChosenDatabase, choose_database, sample_clips
@@ -27,10 +25,11 @@ from localreg.live.health import Health, HealthReport
 from localreg.live.outputs import open_motion_file, open_outputs
 from localreg.live.quiet import IdleWork, undisturbed
 from localreg.live.recenter import Recentering
+from localreg.live.run_options import RECORDING, RunOptions, wearer_of, wearing
 from localreg.live.service_manager import notify
 from localreg.live.session import Session, stopped_by_interrupt
 from localreg.live.sinks import Sink
-from localreg.live.status_server import ADDRESS, StatusServer
+from localreg.live.status_server import StatusServer
 from localreg.live.take import TakeRecorder
 from localreg.live.warm_up import warm_up
 from localreg.synthesis.estimator import AnyEstimator
@@ -42,69 +41,10 @@ from sensors.tracker_input import TrackerInput
 Tell = Callable[[str], None]
 """Says one sentence to whoever started the run."""
 
-RECORDING = ".mcap"
-"""Ending of a recording of everything; other endings are motion files."""
 
-
-@dataclass(frozen=True, slots=True)
-class RunOptions:
-    """What the command line adds to a configuration.
-
-    Attributes:
-        database: folder of the poses to learn from; None for the sample set.
-        subject: file of who wears the trackers; None for usual proportions.
-        seconds: how long to run [s]; None for ever.
-        record: files to record to: `.mcap` for everything, `.bvh` or `.amc` for the motion.
-        status_port: port of the status page on 127.0.0.1; None for none.
-        health: where a line of JSON goes every second; see `HealthReport`.
-        host: address on which servers for other machines listen.
-    """
-
-    database: Path | None = None
-    subject: Path | None = None
-    seconds: float | None = None
-    record: tuple[Path, ...] = ()
-    status_port: int | None = None
-    health: str | None = None
-    host: str = "127.0.0.1"
-
-
-def check(config: RunConfig, options: RunOptions) -> Subject:
-    """Look whether a run could begin, without opening anything.
-
-    Returns:
-        Who wears the trackers.
-
-    Raises:
-        LocalregError: what is wrong, in one sentence.
-    """
-    if config.synthesis.method not in METHODS:
-        raise LocalregError(
-            f"synthesis.method is {config.synthesis.method!r}; choose among {', '.join(METHODS)}"
-        )
-    if options.seconds is not None and not 0.0 < options.seconds < math.inf:
-        raise LocalregError(f"cannot run for {options.seconds:g} s; give a positive time")
-    subject = options.subject
-    return wearing(canonical_subject() if subject is None else read_subject(subject), config)
-
-
-def wearing(subject: Subject, config: RunConfig) -> Subject:
-    """The subject with those of its trackers that the devices report.
-
-    Raises:
-        LocalregError: a device reports a tracker that has no place on the body, or none
-            has.
-    """
-    unknown = [name for name in config.trackers if name not in subject.trackers]
-    if unknown or not config.trackers:
-        raise LocalregError(
-            f"the subject {subject.name} wears no tracker {', '.join(unknown) or '(none named)'}; "
-            f"name the stations of the devices among {', '.join(subject.trackers)}"
-        )
-    return subject.with_trackers(tuple(n for n in subject.trackers if n in config.trackers))
-
-
-def run(config: RunConfig, options: RunOptions, tell: Tell) -> dict[str, Any]:
+def run(
+    config: RunConfig, options: RunOptions, tell: Tell, status: StatusServer | None = None
+) -> dict[str, Any]:
     """Run until stopped by a signal, or for `options.seconds`.
 
     SIGINT and SIGTERM end it cleanly, SIGUSR1 re-centres the performer.
@@ -113,6 +53,7 @@ def run(config: RunConfig, options: RunOptions, tell: Tell) -> dict[str, Any]:
         config: the configuration.
         options: the rest.
         tell: says what the user should know, one sentence at a time.
+        status: where the state is served; closing it is the caller's.
 
     Returns:
         The last look at the run's health.
@@ -121,31 +62,23 @@ def run(config: RunConfig, options: RunOptions, tell: Tell) -> dict[str, Any]:
         LocalregError: it cannot begin, or a file could not be finished.
         SensorError: a device or recording cannot be had at all.
     """
-    check(config, options)
+    wearer_of(config, options)
     with contextlib.ExitStack() as stack:
         stack.enter_context(_told_warnings(tell))
-        recorder = _recorder(options.record, stack)
-        status = None if options.status_port is None else StatusServer(options.status_port)
-        if status is not None:
-            stack.callback(status.close)
-            tell(f"status: http://{ADDRESS}:{status.port}/")
+        stack.enter_context(_ended_by_request())
         chosen = choose_database(options.database, tell)
         config = _at_rate(config, chosen.poses.rate)
         subject = chosen.subject if options.subject is None else read_subject(options.subject)
         subject = wearing(subject, config)
         sinks = _sinks(config, options, subject, stack)
+        recorder = _recorder(options.record, stack)
         estimator = _warm_estimator(config.synthesis.method, subject, chosen, tell)
         if config.emulator is not None:
             config = config.with_port(stack.enter_context(_emulated(config.emulator, config)))
         log = None if recorder is None else TakeRecorder(recorder)
         if log is not None:
-            log.begin(
-                config.synthesis.method,
-                METHODS[config.synthesis.method],
-                config.performance,
-                subject,
-                chosen,
-            )
+            method = config.synthesis.method
+            log.begin(method, METHODS[method], config.performance, subject, chosen)
         trackers = TrackerInput(config, trackers=subject.trackers, recorder=recorder)
         recentering = Recentering(None if log is None else log.placed)
         session = Session(
@@ -157,20 +90,22 @@ def run(config: RunConfig, options: RunOptions, tell: Tell) -> dict[str, Any]:
             on_idle=IdleWork(),
             place=recentering,
             log=log,
+            now=trackers.stream.clock.now,
         )
         health = Health(session, trackers.devices, sinks, recentering, recorder)
         if status is not None:
             status.start(health.look, recentering.request)
-        report = HealthReport(health.look, tell, options.health)
         with (
             undisturbed(),
             trackers,
-            report,
+            HealthReport(health.look, tell, options.health),
             stopped_by_interrupt(session),
             _recentered_by_signal(recentering),
         ):
             notify("READY=1")
-            end = math.inf if options.seconds is None else time.monotonic() + options.seconds
+            end = math.inf
+            if options.seconds is not None:
+                end = trackers.stream.clock.now() + options.seconds
             session.run(end=end)
             notify("STOPPING=1")
     return health.look()
@@ -231,6 +166,23 @@ def _emulated(emulator: EmulatorConfig, config: RunConfig) -> Iterator[str]:
         arguments += ["--noise-orientation", str(emulator.noise_orientation)]
         with EmulatorProcess(file, [*arguments, "--seed", str(emulator.seed)]) as process:
             yield process.address
+
+
+@contextlib.contextmanager
+def _ended_by_request() -> Iterator[None]:
+    """SIGTERM before the loop runs ends the program, too, and not without closing files."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        raise SystemExit(0)
+
+    before = signal.signal(signal.SIGTERM, handle)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 @contextlib.contextmanager

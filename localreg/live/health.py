@@ -97,7 +97,7 @@ class Health:
             return "stopping"
         if latest is None:
             return "waiting for trackers"
-        if time.monotonic() - latest.frame.time > _SILENT:
+        if self._session.silent_for > _SILENT:
             return "no frames"
         return "holding" if latest.is_held else "running"
 

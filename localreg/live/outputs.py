@@ -10,6 +10,7 @@ from localreg.live.config import (
     OutputConfig,
     VmcOutput,
     VrchatOutput,
+    VrpnOutput,
 )
 from localreg.live.sinks.background import Background
 from localreg.live.sinks.base import Sink
@@ -68,6 +69,10 @@ def _open(output: OutputConfig, subject: Subject, rate: float, host: str) -> Sin
         from localreg.live.sinks.udp_json import JsonEncoder
 
         return DatagramSink("json", JsonEncoder(subject), output.host, output.port)
+    if isinstance(output, VrpnOutput):
+        from localreg.live.sinks.vrpn import VrpnServer
+
+        return VrpnServer(subject, host, output.port, output.device)
     assert isinstance(output, LslOutput)  # noqa: S101
     from localreg.live.sinks.lsl import Lsl
 

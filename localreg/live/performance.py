@@ -24,12 +24,11 @@ import jax
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
-from pydantic import Field
 
 from localreg.live.counters import LiveCounters
+from localreg.live.performance_config import PerformanceConfig
 from localreg.synthesis.estimator import AnyEstimator, Pose, Result
 from sensors.pose import TrackerFrame
-from sensors.settings import Settings
 
 EstimatorAt = Callable[[float], AnyEstimator]
 """Which estimator serves the frame of an instant [s]; another object is another performer."""
@@ -39,23 +38,6 @@ Wait = Callable[[Future[Any], float | None], bool]
 
 Search = Literal["none", "waiting", "found"]
 """Whether a frame came while a body was being found, and whether it was found then."""
-
-
-class PerformanceConfig(Settings):
-    """Settings; see the module for what they mean.
-
-    Attributes:
-        coast: longest time without any tracker that the estimator bridges by itself [s].
-        patience: frames in a row that may fail before the body is found anew.
-        min_trackers: so many trackers must be measured to find a body from one frame; all
-            of them if a subject wears fewer.
-        max_waiting: frames that may go by while a body is being found.
-    """
-
-    coast: float = Field(default=0.1, ge=0.0)
-    patience: int = Field(default=8, ge=1)
-    min_trackers: int = Field(default=3, ge=1)
-    max_waiting: int = Field(default=4, ge=0)
 
 
 class Outcome(NamedTuple):

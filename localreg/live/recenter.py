@@ -15,8 +15,8 @@ from localreg.live.sinks.base import LivePose
 from sensors import rotation
 from sensors.placement import RoomTransform
 
-AHEAD = (0.0, -1.0)
-"""Where a re-centred performer faces, x and y in the world."""
+AHEAD = (1.0, 0.0)
+"""Where a re-centred performer faces, x and y in the world: Unity's forward, IS-900's north."""
 
 _ROOT_FORWARD = np.array([0.0, 0.0, 1.0])
 

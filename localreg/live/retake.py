@@ -18,7 +18,8 @@ from numpy import ndarray
 
 from localreg.body.subject import Subject
 from localreg.errors import LocalregError
-from localreg.live.performance import Performance, PerformanceConfig
+from localreg.live.performance import Performance
+from localreg.live.performance_config import PerformanceConfig
 from localreg.live.sinks import Collector, LivePose
 from localreg.live.smooth import smooth
 from localreg.live.take import Take

@@ -21,7 +21,8 @@ from typing import Protocol, runtime_checkable
 
 from localreg.errors import LocalregError
 from localreg.live.counters import LiveCounters
-from localreg.live.performance import EstimatorAt, Performance, PerformanceConfig, Search
+from localreg.live.performance import EstimatorAt, Performance, Search
+from localreg.live.performance_config import PerformanceConfig
 from localreg.live.sinks.base import LivePose, Sink
 from sensors.assembler import AssembledFrame
 from sensors.devices.base import Device
@@ -119,6 +120,11 @@ class Session:
         assembler refused.
         """
         return self._all_dropped() - self._dropped_before
+
+    @property
+    def silent_for(self) -> float:
+        """Time since the instant of the newest published frame [s]; infinite before it."""
+        return math.inf if self.latest is None else self._now() - self.latest.frame.time
 
     @property
     def is_stopped(self) -> bool:

@@ -25,7 +25,8 @@ from localreg.body.subject import Subject, read_subject, write_subject
 from localreg.errors import LocalregError
 from localreg.evaluation.results import program_version
 from localreg.live.database_choice import ChosenDatabase
-from localreg.live.performance import PerformanceConfig, Search
+from localreg.live.performance import Search
+from localreg.live.performance_config import PerformanceConfig
 from localreg.live.sinks.base import LivePose
 from localreg.synthesis.settings import Settings
 from sensors.assembler import AssembledFrame

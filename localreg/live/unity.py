@@ -2,13 +2,14 @@
 
 Three conversions, in this order:
 
-1. *World.* Ours is right-handed and z up, and a person upright with the canonical heading
-   faces -y. In y-up axes (x, z, -y) the same person faces +z, as Unity's humanoids do.
-2. *T-pose.* Unity counts a bone's rotation from the pose with arms level and legs straight
-   down; our rest pose spreads the legs by 20 degrees. With T_bone the turn that brings a
-   bone from the rest pose into the T-pose, R_unity = R_world T_bone^-1.
-3. *Handedness.* Unity's x points to the right, ours to the left. Reflecting x with
-   M = diag(-1, 1, 1) takes R to M R M, whose quaternion is (w, x, -y, -z).
+1. *T-pose.* Unity counts a bone's rotation from the pose with arms level and legs straight
+   down; our rest pose spreads the legs by 20 degrees. T_bone is the turn that brings a bone
+   from the rest pose into the T-pose.
+2. *Heading.* Somebody whose bones are all unturned looks along Unity's forward, z, which is
+   the world's x. R_ahead is the root's rotation of somebody upright who looks there. The
+   bone's rotation since then, in world axes, is R_world T_bone^-1 R_ahead^-1.
+3. *Handedness.* `sensors.protocols.unity`, which the trackers come in by, too: what comes in
+   by VMC goes out where it was.
 
 Bone names: Unity's HumanBodyBones enumeration. Wire format: x y z w.
 """
@@ -23,6 +24,7 @@ from localreg.body.skeleton import BODY_NAMES
 from localreg.body.subject import Subject
 from localreg.live.body_frames import BodyFrames
 from sensors import rotation
+from sensors.protocols import unity
 
 _SIDE: Final = (
     ("Shoulder", "clavicle", "UpperChest"),
@@ -71,9 +73,9 @@ _LEVEL: Final = ("humerus", "radius", "wrist", "hand")
 _PLUMB: Final = ("femur", "tibia")
 _FEET: Final = ("foot", "toes")
 
-# World z up to y up: the inverse of a quarter turn about x.
-_TO_Y_UP: Final = np.array([0.5**0.5, -(0.5**0.5), 0.0, 0.0])
-_MIRROR: Final = np.array([1.0, 1.0, -1.0, -1.0])
+# The root's rotation of somebody upright who looks along the world's x: a quarter turn about
+# z from the rest pose's heading, and the quarter turn about x that makes a y-up body upright.
+_AHEAD: Final = np.array([0.5, 0.5, 0.5, 0.5])
 _XYZW: Final = np.array([1, 2, 3, 0])
 
 
@@ -102,13 +104,14 @@ class Humanoid:
     """
 
     def __init__(self, subject: Subject) -> None:
-        self._from_t_pose = rotation.conjugate(t_pose_turns(subject))[_BODIES]
+        turns = rotation.multiply(_AHEAD, t_pose_turns(subject)[_BODIES])
+        self._from_t_pose = rotation.conjugate(turns)
 
     def __call__(self, frames: BodyFrames) -> HumanPose:
         """The pose in Unity's terms."""
-        world_p = positions_to_unity(frames.positions[_BODIES])
-        turns = rotation.multiply(_TO_Y_UP, frames.quaternions[_BODIES])
-        world_q = rotation.multiply(turns, self._from_t_pose) * _MIRROR
+        world_p = unity.position_from_world(frames.positions[_BODIES])
+        turns = rotation.multiply(frames.quaternions[_BODIES], self._from_t_pose)
+        world_q = unity.quaternion_from_world(turns)
         to_parent = rotation.conjugate(world_q[_PARENTS])
         p = rotation.rotate(to_parent, world_p - world_p[_PARENTS])
         q = rotation.multiply(to_parent, world_q)
@@ -133,23 +136,6 @@ def t_pose_turns(subject: Subject) -> Float[ndarray, "31 4"]:
             level = np.array([1.0 if side == "l" else -1.0, 0.0, 0.0])
             turns[index] = _shortest_arc(subject.directions[index - 1], level)
     return turns
-
-
-def positions_to_unity(positions: Float[ndarray, "*b 3"]) -> Float[ndarray, "*b 3"]:
-    """World positions in Unity's axes: right, up, forward [m]."""
-    x, y, z = np.moveaxis(positions, -1, 0)
-    return np.stack([-x, z, -y], axis=-1)
-
-
-def rotations_to_unity(quaternions: Float[ndarray, "*b 4"]) -> Float[ndarray, "*b 4"]:
-    """World rotations w x y z of rigid things, such as trackers, as Unity's x y z w.
-
-    Their own axes are converted as the world's are: what lies along the world's axes does
-    so in Unity.
-    """
-    turned = rotation.multiply(_TO_Y_UP, quaternions)
-    turned = rotation.multiply(turned, rotation.conjugate(_TO_Y_UP)) * _MIRROR
-    return turned[..., _XYZW]
 
 
 def _shortest_arc(a: Float[ndarray, "3"], b: Float[ndarray, "3"]) -> Float[ndarray, "4"]:

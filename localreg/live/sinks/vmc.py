@@ -13,7 +13,8 @@ from localreg.body.subject import Subject
 from localreg.live.body_frames import ForwardKinematics
 from localreg.live.sinks.base import LivePose
 from localreg.live.sinks.osc_bundle import Message, OscBundle
-from localreg.live.unity import HUMAN_BONES, Humanoid, positions_to_unity, rotations_to_unity
+from localreg.live.unity import HUMAN_BONES, Humanoid
+from sensors.protocols import unity
 
 PORT: Final = 39539
 """Where avatar programs listen."""
@@ -54,8 +55,8 @@ class VmcEncoder:
         first = np.concatenate([[time - self._zero], _ROOT, bones[: 7 * _FIRST]])
         datagrams = [self._bundles[0].fill(first), self._bundles[1].fill(bones[7 * _FIRST :])]
         frame = live.frame
-        positions = positions_to_unity(frame.positions)
-        quaternions = rotations_to_unity(frame.quaternions)
+        positions = unity.position_from_world(frame.positions)
+        quaternions = unity.quaternion_from_world(frame.quaternions)[:, [1, 2, 3, 0]]
         for j, tracker in enumerate(self._trackers):
             if frame.position_mask[j] and frame.orientation_mask[j]:
                 datagrams.append(tracker.fill(np.concatenate([positions[j], quaternions[j]])))

@@ -64,7 +64,7 @@ def test_vmc_frames_put_together_again_are_our_kinematics():
         places[name] = p if parent is None else places[parent] + turns[parent].apply(p)
         turns[name] = turn if parent is None else turns[parent] * turn
         x, y, z = frames.positions[BODY_NAMES.index(HUMAN_BONES[name])]
-        np.testing.assert_allclose(places[name], [-x, z, -y], atol=1e-5)
+        np.testing.assert_allclose(places[name], [-y, z, x], atol=1e-5)
 
 
 def test_vmc_sends_the_trackers_that_were_measured():
@@ -76,7 +76,12 @@ def test_vmc_sends_the_trackers_that_were_measured():
     trackers = {m.params[0]: m.params[1:] for m in every if m.address == "/VMC/Ext/Tra/Pos"}
     assert list(trackers) == [n for n in SUBJECT.trackers if n != SUBJECT.trackers[2]]
     x, y, z = live.frame.positions[0]
-    np.testing.assert_allclose(trackers[SUBJECT.trackers[0]][:3], [-x, z, -y], atol=1e-6)
+    np.testing.assert_allclose(trackers[SUBJECT.trackers[0]][:3], [-y, z, x], atol=1e-6)
+    # Their own axes are converted one by one as the world's are.
+    turn = Rotation.from_quat(trackers[SUBJECT.trackers[0]][3:]).as_matrix()
+    to_unity = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+    ours = Rotation.from_quat(live.frame.quaternions[0], scalar_first=True).as_matrix()
+    np.testing.assert_allclose(turn, to_unity @ ours @ to_unity.T, atol=1e-6)
 
 
 def test_vrchat_trackers_are_bones_in_unity_axes():
@@ -88,14 +93,15 @@ def test_vrchat_trackers_are_bones_in_unity_axes():
     for number, human in TRACKERS.items():
         x, y, z = frames.positions[BODY_NAMES.index(HUMAN_BONES[human])]
         position = sent[f"/tracking/trackers/{number}/position"]
-        np.testing.assert_allclose(position, [-x, z, -y], atol=1e-5)
+        np.testing.assert_allclose(position, [-y, z, x], atol=1e-5)
         assert np.abs(sent[f"/tracking/trackers/{number}/rotation"]).max() <= 180.0
     turn = np.array(sent["/tracking/trackers/1/rotation"])
     hips = Rotation.from_euler("YXZ", turn[[1, 0, 2]], degrees=True).as_matrix()
-    mirror = np.diag([-1.0, 1.0, 1.0])
-    to_y_up = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+    # Unity's right, up and forward: the body's own are those columns of the root's matrix.
+    to_unity = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
     root = Rotation.from_quat(qpos[3:7], scalar_first=True).as_matrix()
-    np.testing.assert_allclose(hips, mirror @ to_y_up @ root @ mirror, atol=1e-5)
+    own = np.stack([-root[:, 0], root[:, 1], root[:, 2]], axis=1)
+    np.testing.assert_allclose(hips, to_unity @ own, atol=1e-5)
 
 
 def test_json_has_every_joint_and_bone():

@@ -4,7 +4,8 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from localreg.live.performance import Performance, PerformanceConfig, tracker_residual
+from localreg.live.performance import Performance, tracker_residual
+from localreg.live.performance_config import PerformanceConfig
 from localreg.synthesis.estimator import Result
 from tests.localreg.live.scripted import PERIOD, Inline, ScriptedEstimator, frame, number
 

@@ -27,7 +27,7 @@ def test_the_performer_stands_at_the_origin_and_faces_ahead(heading: float):
     there = placed(live, facing_ahead(live.pose.qpos)).pose.qpos
     np.testing.assert_allclose(there[:3], [0.0, 0.0, 0.95], atol=1e-12)
     facing = Rotation.from_quat(there[3:7], scalar_first=True).apply([0.0, 0.0, 1.0])
-    np.testing.assert_allclose(facing, [0.0, -1.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(facing, [1.0, 0.0, 0.0], atol=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -53,7 +53,7 @@ def test_somebody_on_the_back_lies_with_the_head_behind():
     up = Rotation.from_quat(there[3:7], scalar_first=True).apply([0.0, 1.0, 0.0])
     belly = Rotation.from_quat(there[3:7], scalar_first=True).apply([0.0, 0.0, 1.0])
     np.testing.assert_allclose(belly, [0.0, 0.0, 1.0], atol=1e-9)
-    np.testing.assert_allclose(up, [0.0, 1.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(up, [-1.0, 0.0, 0.0], atol=1e-9)
 
 
 def test_nothing_moves_before_it_is_asked_for_and_all_after():

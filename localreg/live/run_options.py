@@ -1,0 +1,80 @@
+"""What a run is told beyond its configuration, and whether it could begin.
+
+Imports nothing heavy: a mistake is answered before JAX is loaded.
+"""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+from localreg.body.subject import Subject, canonical_subject, read_subject
+from localreg.errors import LocalregError
+from localreg.live.config import RunConfig
+from localreg.synthesis.settings import METHODS
+from sensors.devices.replay import ReplayConfig
+from sensors.recording.replay import read_configuration
+
+RECORDING = ".mcap"
+"""Ending of a recording of everything; other endings are motion files."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunOptions:
+    """What the command line adds to a configuration.
+
+    Attributes:
+        database: folder of the poses to learn from; None for the sample set.
+        subject: file of who wears the trackers; None for usual proportions.
+        seconds: how long to run [s]; None for ever.
+        record: files to record to: `.mcap` for everything, `.bvh` or `.amc` for the motion.
+        health: where a line of JSON goes every second; see `HealthReport`.
+        host: address on which servers for other machines listen.
+    """
+
+    database: Path | None = None
+    subject: Path | None = None
+    seconds: float | None = None
+    record: tuple[Path, ...] = ()
+    health: str | None = None
+    host: str = "127.0.0.1"
+
+
+def wearer_of(config: RunConfig, options: RunOptions) -> Subject:
+    """Look whether a run could begin, without opening anything.
+
+    Returns:
+        Who wears the trackers.
+
+    Raises:
+        LocalregError: what is wrong, in one sentence.
+    """
+    if config.synthesis.method not in METHODS:
+        raise LocalregError(
+            f"synthesis.method is {config.synthesis.method!r}; choose among {', '.join(METHODS)}"
+        )
+    if options.seconds is not None and not 0.0 < options.seconds < math.inf:
+        raise LocalregError(f"cannot run for {options.seconds:g} s; give a positive time")
+    subject = options.subject
+    return wearing(canonical_subject() if subject is None else read_subject(subject), config)
+
+
+def wearing(subject: Subject, config: RunConfig) -> Subject:
+    """The subject with those of its trackers that the devices report.
+
+    A recording that is replayed reports the trackers of its own devices.
+
+    Raises:
+        LocalregError: a device reports a tracker that has no place on the body, or none
+            has.
+    """
+    reported = list(config.trackers)
+    for device in config.devices:
+        if isinstance(device, ReplayConfig) and not device.stations:
+            reported += read_configuration(device.file).trackers
+    unknown = [name for name in reported if name not in subject.trackers]
+    if unknown or not reported:
+        raise LocalregError(
+            f"the subject {subject.name} wears no tracker {', '.join(unknown) or '(none named)'}; "
+            f"name the stations of the devices among {', '.join(subject.trackers)}"
+        )
+    return subject.with_trackers(tuple(n for n in subject.trackers if n in reported))
