@@ -167,8 +167,7 @@ def run_trial(person: Person, condition: Condition) -> Trial:
     begin = time.perf_counter()
     outcome = calibrate(holds, TRACKERS, prior, poses=condition.poses)
     seconds = time.perf_counter() - begin
-    result = outcome.calibration
-    assert result is not None
+    result = outcome.result
     error = nine_lengths(result.groups) / nine_lengths(person.lengths) - 1.0
     apart = [
         (
@@ -278,8 +277,7 @@ def synthesis_errors(
     rows = []
     total = len(trials) * len(chosen) * 3
     for person, trial in trials:
-        result = trial.outcome.calibration
-        assert result is not None
+        result = trial.outcome.result
         wearers = {
             "true": trial.person,
             "calibrated": result.subject,

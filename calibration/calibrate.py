@@ -55,6 +55,17 @@ class Outcome:
     fit: Fit | None
 
     @property
+    def result(self) -> Calibration:
+        """The calibration.
+
+        Raises:
+            LocalregError: there is none, with what was amiss.
+        """
+        if self.calibration is None:
+            raise LocalregError("; ".join(f.text for f in self.findings) or "there is no result")
+        return self.calibration
+
+    @property
     def repeat(self) -> tuple[str, ...]:
         """Names of the poses to repeat, each once."""
         return tuple(dict.fromkeys(pose for f in self.findings for pose in f.poses))

@@ -70,6 +70,7 @@ class Performer:
         self._seed = seed
         self._mistakes = dict(mistakes or {})
         self._attempts: dict[str, int] = {}
+        self._performed: dict[int, Float[ndarray, "N 63"]] = {}
         self._points = BodyPoints(person)
         self._lock = threading.Lock()
         start = self._held(0, 0)
@@ -80,13 +81,13 @@ class Performer:
 
     def ask(self, name: str, again: bool = False) -> None:
         """Take a pose, from where the body is; asking for the present one changes nothing."""
+        if name == self._asked and not again:
+            return
+        attempt = self._attempts.get(name, 0)
+        self._attempts[name] = attempt + 1
+        goal = self._held(self._names.index(name), attempt)
         with self._lock:
-            if name == self._asked and not again:
-                return
             self._asked = name
-            attempt = self._attempts.get(name, 0)
-            self._attempts[name] = attempt + 1
-            goal = self._held(self._names.index(name), attempt)
             at = self._qpos(self._now)
             self._move = _Move(at, goal, self._now + _REACTION)
 
@@ -102,12 +103,12 @@ class Performer:
 
     def _held(self, index: int, attempt: int) -> Float[ndarray, "63"]:
         """How this person holds a pose; standing feet are those of the first pose."""
-        poses = list(self._poses)
-        name = self._names[index]
-        if attempt == 0 and name in self._mistakes:
-            poses[index] = self._mistakes[name]
-        rng = np.random.default_rng((self._seed, attempt))
-        return perform(self.person, poses, self._habits, rng, self._seed)[index]
+        if attempt not in self._performed:
+            mistakes = self._mistakes if attempt == 0 else {}
+            poses = [mistakes.get(pose.name, pose) for pose in self._poses]
+            rng = np.random.default_rng((self._seed, attempt))
+            self._performed[attempt] = perform(self.person, poses, self._habits, rng, self._seed)
+        return self._performed[attempt][index].copy()
 
     def _qpos(self, t: float) -> Float[ndarray, "63"]:
         move = self._move

@@ -8,7 +8,8 @@ come last. Three poses differ between left and right, lest a person facing a pic
 pair of trackers, be mirrored unnoticed.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -35,6 +36,7 @@ class TargetPose:
         head: where to look, in a sentence.
         posture: the same in directions.
         planted: whether the left and the right foot stand where they stood in the first pose.
+        other_angles: joint angles in place of the posture's, for poses that went wrong [rad].
     """
 
     name: str
@@ -43,10 +45,12 @@ class TargetPose:
     head: str
     posture: Posture
     planted: tuple[bool, bool] = (True, True)
-    angles: Float[ndarray, "56"] = field(init=False)
+    other_angles: Float[ndarray, "56"] | None = None
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "angles", self.posture.angles())
+    @cached_property
+    def angles(self) -> Float[ndarray, "56"]:
+        """The joint angles [rad]."""
+        return self.posture.angles() if self.other_angles is None else self.other_angles
 
     @property
     def words(self) -> tuple[str, str, str]:

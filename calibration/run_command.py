@@ -136,10 +136,8 @@ def _mistake(text: str) -> tuple[str, TargetPose]:
     if other in by_name:
         return name, by_name[other]
     pose = by_name[name]
-    wrong = replace(pose)
     angles = mirrored(pose.angles) if other == "mirror" else with_swapped(pose.angles, other)
-    object.__setattr__(wrong, "angles", angles)
-    return name, wrong
+    return name, replace(pose, other_angles=angles)
 
 
 def _led(

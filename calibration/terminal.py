@@ -87,6 +87,7 @@ class TerminalView:
         self._drawn = 0.0
         self._sticks = Sticks()
         self._said = ""
+        self._announced = ""
 
     @property
     def has_keys(self) -> bool:
@@ -137,12 +138,11 @@ class TerminalView:
     def _announce(self, snapshot: Snapshot) -> None:
         """Without a terminal: every pose once, in words."""
         pose = snapshot.pose
-        if pose is None or pose.name == getattr(self, "_announced", None):
+        if pose is None or pose.name == self._announced:
             return
         self._announced = pose.name
-        self._say(
-            f"pose {snapshot.number} of {snapshot.total}, {pose.name}: {' '.join(pose.words)}"
-        )
+        words = " ".join(pose.words)
+        self._say(f"pose {snapshot.number} of {snapshot.total}, {pose.name}: {words}")
 
     def _panel(self, snapshot: Snapshot) -> Panel:
         pose = snapshot.pose
