@@ -9,6 +9,7 @@ left out. Poses are stored once: windows are read off the same array at shifted 
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -64,6 +65,10 @@ class NeighbourSearch(ABC):
         the shape is always the same.
         """
 
+    @abstractmethod
+    def squared_distances(self, queries: Sequence[Query]) -> Float32[ndarray, "Q N"]:
+        """Distances of all poses to each of some queries; infinite where not allowed."""
+
 
 class ExactSearch(NeighbourSearch):
     """Brute force by matrix products: exact, and fast enough to some 100,000 poses."""
@@ -94,29 +99,51 @@ class ExactSearch(NeighbourSearch):
 
     def search(self, query: Query, count: int) -> Neighbours:
         """The `count` nearest allowed poses."""
-        weights = np.where(query.history_valid, self._metric.history, 0.0)
-        squared = np.zeros(len(self._angles), dtype=np.float32)
+        squared = self.squared_distances([query])[0]
+        return nearest(squared, count, min(count, self._available))
+
+    def squared_distances(self, queries: Sequence[Query]) -> Float32[ndarray, "Q N"]:
+        """Distances of all poses to each of some queries; infinite where not allowed."""
+        squared = np.zeros((len(queries), len(self._angles)), dtype=np.float32)
         # |a - b|^2 = |a|^2 - 2 a b + |b|^2, all lags in one product over the poses.
-        past = query.history.astype(np.float32)
-        products = self._angles @ past.T
-        for lag, weight in enumerate(weights, start=1):
-            if weight > 0.0:
-                newest = past[lag - 1]
-                part = self._angle_squares[:-lag] - 2.0 * products[:-lag, lag - 1]
-                squared[lag:] += np.float32(weight**2) * (part + newest @ newest)
-        scaled = (query.features * self._metric.features * query.feature_valid).astype(np.float32)
-        if query.feature_valid.all():
+        past = np.array([query.history for query in queries], dtype=np.float32)
+        valid = np.array([query.history_valid for query in queries])
+        lags = past.shape[1]
+        products = (self._angles @ past.reshape(-1, past.shape[2]).T).T
+        products = products.reshape(len(queries), lags, len(self._angles))
+        for row, distances in enumerate(squared):
+            for lag in range(1, lags + 1):
+                weight = self._metric.history[lag - 1]
+                if weight > 0.0 and valid[row, lag - 1]:
+                    then = past[row, lag - 1]
+                    part = self._angle_squares[:-lag] - 2.0 * products[row, lag - 1, :-lag]
+                    distances[lag:] += np.float32(weight**2) * (part + then @ then)
+        known = np.array([query.feature_valid for query in queries])
+        features = np.array([query.features for query in queries])
+        scaled = (features * self._metric.features * known).astype(np.float32)
+        products = (self._features @ scaled.T).T
+        for row, distances in enumerate(squared):
             squares = self._feature_squares
-        else:
-            squares = np.square(self._features) @ query.feature_valid.astype(np.float32)
-        squared += squares - 2.0 * (self._features @ scaled) + scaled @ scaled
-        squared[self._forbidden] = np.inf
-        count_found = min(count, self._available)
-        rows = np.argpartition(squared, count_found - 1)[:count_found]
-        rows = rows[np.argsort(squared[rows], kind="stable")]
-        distances = np.maximum(squared[rows].astype(float), 0.0)
-        if count_found < count:
-            extra = count - count_found
-            rows = np.concatenate([rows, np.resize(rows, extra)])
-            distances = np.concatenate([distances, np.full(extra, np.inf)])
-        return Neighbours(rows, distances)
+            if not known[row].all():
+                squares = np.square(self._features) @ known[row].astype(np.float32)
+            distances += squares - 2.0 * products[row] + scaled[row] @ scaled[row]
+        squared[:, self._forbidden] = np.inf
+        return squared
+
+
+def nearest(squared: Float32[ndarray, " N"], count: int, available: int) -> Neighbours:
+    """The nearest of all poses, from their squared distances.
+
+    Args:
+        squared: distances, infinite where not allowed.
+        count: how many rows to return.
+        available: how many of them there are; the rest repeats them at infinite distance.
+    """
+    rows = np.argpartition(squared, available - 1)[:available]
+    rows = rows[np.argsort(squared[rows], kind="stable")]
+    distances = np.maximum(squared[rows].astype(float), 0.0)
+    if available < count:
+        extra = count - available
+        rows = np.concatenate([rows, np.resize(rows, extra)])
+        distances = np.concatenate([distances, np.full(extra, np.inf)])
+    return Neighbours(rows, distances)

@@ -1,11 +1,11 @@
 """Placing a whole body rigidly where the trackers are."""
 
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+from scipy.spatial.transform import Rotation
 
-from localreg import numerics as numerics
-from localreg.body import rotations
-from localreg.body.kinematics import Kinematics
+from localreg.body.chain import Chain, place_trackers
 from localreg.synthesis.energy import Observation
 
 _POSITION_SCALE = 0.05  # a body placed rigidly fits positions to about this [m] ...
@@ -13,54 +13,60 @@ _ORIENTATION_SCALE = 0.3  # ... and orientations to about this [rad]
 
 
 def align_root(
-    kinematics: Kinematics,
-    fallback: Float[Array, " 63"],
-    angles: Float[Array, " 56"],
+    chain: Chain,
+    fallback: Float[ndarray, "63"],
+    angles: Float[ndarray, "56"],
     observation: Observation,
-) -> Float[Array, " 63"]:
+) -> Float[ndarray, "63"]:
     """The pose with given joint angles whose root fits the measured trackers best.
 
     Wahba's problem over tracker orientations and positions about their centroid, solved
     by singular value decomposition (Markley 1988). What no tracker tells is taken from
     the fallback's root.
     """
-    upright = jnp.concatenate([jnp.zeros(3), jnp.array([1.0, 0.0, 0.0, 0.0]), angles])
-    predicted = kinematics.tracker_poses(upright)
-    weight = observation.position_mask.astype(angles.dtype)
-    count = jnp.maximum(jnp.sum(weight), 1e-9)
-    measured_center = weight @ observation.positions / count
-    predicted_center = weight @ predicted.positions / count
-    arms = (observation.positions - measured_center) * weight[:, None] / _POSITION_SCALE
-    profile = arms.T @ ((predicted.positions - predicted_center) / _POSITION_SCALE)
-    turned = observation.orientation_mask.astype(angles.dtype) / _ORIENTATION_SCALE**2
-    profile += jnp.einsum(
-        "j,jac,jbc->ab",
-        turned,
-        rotations.to_matrix(observation.quaternions),
-        rotations.to_matrix(predicted.quaternions),
-    )
-    profile += 1e-3 * rotations.to_matrix(fallback[3:7])
-    U, _, Vt = jnp.linalg.svd(profile)
-    R = U @ (jnp.array([1.0, 1.0, jnp.linalg.det(U @ Vt)])[:, None] * Vt)
-    position = jnp.where(
-        jnp.any(observation.position_mask), measured_center - R @ predicted_center, fallback[:3]
-    )
-    return jnp.concatenate([position, rotations.from_matrix(R), angles])
+    upright = np.concatenate([np.zeros(3), [1.0, 0.0, 0.0, 0.0], angles])
+    positions, quaternions = place_trackers(chain, upright)
+    seen = np.asarray(observation.position_mask)
+    profile = 1e-3 * _matrices(fallback[3:7])
+    measured_center = predicted_center = np.zeros(3)
+    if seen.any():
+        measured = np.asarray(observation.positions)[seen]
+        measured_center, predicted_center = measured.mean(axis=0), positions[seen].mean(axis=0)
+        arms = (measured - measured_center) / _POSITION_SCALE
+        profile += arms.T @ ((positions[seen] - predicted_center) / _POSITION_SCALE)
+    turned = np.asarray(observation.orientation_mask)
+    if turned.any():
+        facing = _matrices(np.asarray(observation.quaternions)[turned])
+        expected = _matrices(quaternions[turned])
+        profile += np.einsum("jac,jbc->ab", facing, expected) / _ORIENTATION_SCALE**2
+    U, _, Vt = np.linalg.svd(profile)
+    R = U @ (np.array([1.0, 1.0, np.linalg.det(U @ Vt)])[:, None] * Vt)
+    position = measured_center - R @ predicted_center if seen.any() else fallback[:3]
+    return np.concatenate([position, Rotation.from_matrix(R).as_quat(scalar_first=True), angles])
 
 
 def snap_to_reference(
-    kinematics: Kinematics, qpos: Float[Array, " 63"], observation: Observation, reference: int
-) -> Float[Array, " 63"]:
+    chain: Chain, qpos: Float[ndarray, "63"], observation: Observation, reference: int
+) -> Float[ndarray, "63"]:
     """The pose moved rigidly so that its reference tracker is where it was measured.
 
     Where that tracker is masked, the pose itself.
     """
-    predicted = kinematics.tracker_poses(qpos)
-    turn = rotations.multiply(
-        observation.quaternions[reference], rotations.conjugate(predicted.quaternions[reference])
+    if not (observation.position_mask[reference] and observation.orientation_mask[reference]):
+        return qpos
+    positions, quaternions = place_trackers(chain, qpos)
+    measured = Rotation.from_quat(np.asarray(observation.quaternions)[reference], scalar_first=True)
+    turn = measured * Rotation.from_quat(quaternions[reference], scalar_first=True).inv()
+    arm = turn.apply(qpos[:3] - positions[reference])
+    root = turn * Rotation.from_quat(qpos[3:7], scalar_first=True)
+    return np.concatenate(
+        [
+            np.asarray(observation.positions)[reference] + arm,
+            root.as_quat(scalar_first=True),
+            qpos[7:],
+        ]
     )
-    arm = rotations.rotate(turn, qpos[:3] - predicted.positions[reference])
-    root = rotations.multiply(turn, qpos[3:7])
-    moved = jnp.concatenate([observation.positions[reference] + arm, root, qpos[7:]])
-    known = observation.position_mask[reference] & observation.orientation_mask[reference]
-    return jnp.where(known, moved, qpos)
+
+
+def _matrices(quaternions: Float[ndarray, "*k 4"]) -> Float[ndarray, "*k 3 3"]:
+    return Rotation.from_quat(quaternions, scalar_first=True).as_matrix()

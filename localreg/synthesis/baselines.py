@@ -1,10 +1,12 @@
-"""The published rivals as priors over shared parts: LPCA and LPCR.
+"""The published methods as priors over shared parts, and the one without a database.
 
-[CH05] Chai and Hodgins 2005, "Performance animation from low-dimensional control signals":
-local principal component analysis of poses. [L11] Liu et al. 2011, "Realtime human motion
-control with a small number of inertial sensors": local principal component regression. Both
-get the trackers, the noise model, the search, the solver and the starts of every other
-method; what is theirs is below. (`paper`, `joint` and `ik` are in `prior.py`.)
+[P] "Realtime motion control with local regression models and six inertial sensors": the
+input-output projection, for every joint angle on its own or for all at once. [CH05] Chai and
+Hodgins 2005, "Performance animation from low-dimensional control signals": local principal
+component analysis of poses. [L11] Liu et al. 2011, "Realtime human motion control with a
+small number of inertial sensors": local principal component regression. All get the
+trackers, the noise model, the search, the solver and the starts of every other method; what
+is theirs is below.
 """
 
 import equinox as eqx
@@ -13,14 +15,15 @@ from jaxtyping import Array, Float
 
 from localreg.body.kinematics import integrate
 from localreg.body.skeleton import DOF_COUNT
-from localreg.synthesis.energy import Gaussian, PriorTerm, RootTerm, TrackerTerm
-from localreg.synthesis.prior import Acquisition, Examples, Prediction, Prior, Question
-from localreg.synthesis.regression import Normal
+from localreg.synthesis.energy import Gaussian, LimitTerm, PriorTerm, RootTerm
+from localreg.synthesis.examples import Examples
+from localreg.synthesis.prior import STARTS
+from localreg.synthesis.regression import Normal, joint_projection, per_dof_projection
 from localreg.synthesis.state import State
+from localreg.synthesis.term_prior import Candidates, Prediction, Question, TermPrior
 
 _NULL = 1e-13  # eigenvalues below this share of the largest are rounding errors ...
 _STILL = 1e-20  # ... and so are all below this [rad^2]
-_STARTS = 8
 
 
 def principal_subspace(poses: Float[Array, "K d"], rank: int, floor: Float[Array, ""]) -> Normal:
@@ -65,7 +68,81 @@ def principal_component_regression(
     return mean + scores @ slopes, jnp.sqrt(jnp.mean((Y - V @ slopes) ** 2, axis=0))
 
 
-class LocalSubspace(Prior):
+class PublishedRegression(TermPrior):
+    """The published prior: input-output PCA on past poses alone ([P]).
+
+    Attributes:
+        rank: r, the directions kept.
+        joint: all outputs in one decomposition, instead of each on its own.
+        floor: least deviation of a joint angle [rad].
+        root_position: deviation of the root from constant velocity [m].
+        root_orientation: the same [rad].
+    """
+
+    rank: int = eqx.field(static=True)
+    joint: bool = eqx.field(static=True)
+    floor: Float[Array, ""]
+    root_position: Float[Array, ""]
+    root_orientation: Float[Array, ""]
+
+    def predict(self, examples: Examples, question: Question, state: State) -> Prediction:
+        """The regression's prediction with the residual of its training examples."""
+        valid = jnp.repeat(question.history_valid, DOF_COUNT)
+        X = examples.angles[:, 1:].reshape(len(examples.angles), -1) * valid
+        project = joint_projection if self.joint else per_dof_projection
+        mean, sigma = project(X, examples.angles[:, 0], question.history.ravel() * valid, self.rank)
+        qpos = jnp.concatenate([_coasting_root(state), mean])
+        terms = (
+            PriorTerm(Gaussian.from_deviations(mean, jnp.maximum(sigma, self.floor))),
+            RootTerm(qpos, self.root_position, self.root_orientation),
+        )
+        return Prediction(qpos, terms)
+
+    def acquire(self, examples: Examples, question: Question) -> Candidates:
+        """Mean and deviation of the examples found by the trackers."""
+        return _pose_statistics(examples, self.floor)
+
+
+class InverseKinematics(TermPrior):
+    """No database: a pull to the previous pose, joint limits from anatomy.
+
+    Attributes:
+        previous_pose: deviation from the previous pose [rad].
+        starts: joint angles to start from where there is no past; the first is an easy
+            standing pose [rad].
+        low: lower ends of the joint ranges [rad].
+        high: upper ends [rad].
+        limit_softness: how far outside is one standard deviation [rad].
+        root_position: deviation of the root from constant velocity [m].
+        root_orientation: the same [rad].
+    """
+
+    previous_pose: Float[Array, ""]
+    starts: Float[Array, "S 56"]
+    low: Float[Array, " 56"]
+    high: Float[Array, " 56"]
+    limit_softness: Float[Array, ""]
+    root_position: Float[Array, ""]
+    root_orientation: Float[Array, ""]
+
+    def predict(self, examples: Examples, question: Question, state: State) -> Prediction:
+        """Where the body was, moving on with the root."""
+        angles = jnp.asarray(state.qpos[7:])
+        qpos = jnp.concatenate([_coasting_root(state), angles])
+        terms = (
+            PriorTerm(Gaussian.from_deviations(angles, jnp.full(DOF_COUNT, self.previous_pose))),
+            LimitTerm(self.low, self.high, self.limit_softness),
+            RootTerm(qpos, self.root_position, self.root_orientation),
+        )
+        return Prediction(qpos, terms)
+
+    def acquire(self, examples: Examples, question: Question) -> Candidates:
+        """A wide pull to an easy standing pose, from several starts."""
+        wide = jnp.full(DOF_COUNT, jnp.radians(25.0))
+        return Candidates(self.starts, Gaussian.from_deviations(self.starts[0], wide))
+
+
+class LocalSubspace(TermPrior):
     """LPCA [CH05]: a local subspace of poses, and smoothness.
 
     Attributes:
@@ -82,9 +159,7 @@ class LocalSubspace(Prior):
     root_position: Float[Array, ""]
     root_orientation: Float[Array, ""]
 
-    def predict(
-        self, examples: Examples, question: Question, state: State, trackers: TrackerTerm
-    ) -> Prediction:
+    def predict(self, examples: Examples, question: Question, state: State) -> Prediction:
         """The subspace of the neighbours, pulled towards where the last two poses lead."""
         subspace = principal_subspace(examples.angles[:, 0], self.rank, self.floor)
         now, before = question.history[0], question.history[1]
@@ -97,14 +172,14 @@ class LocalSubspace(Prior):
             PriorTerm(Gaussian.from_deviations(coasting, jnp.full(DOF_COUNT, slack))),
             RootTerm(qpos, self.root_position, self.root_orientation),
         )
-        return Prediction(qpos, terms, jnp.ones(()))
+        return Prediction(qpos, terms)
 
-    def acquire(self, examples: Examples, question: Question) -> Acquisition:
+    def acquire(self, examples: Examples, question: Question) -> Candidates:
         """The subspace of the examples found by the trackers."""
         return _pose_statistics(examples, self.floor)
 
 
-class PrincipalRegression(Prior):
+class PrincipalRegression(TermPrior):
     """LPCR [L11]: principal component regression on the past poses.
 
     Attributes:
@@ -119,9 +194,7 @@ class PrincipalRegression(Prior):
     root_position: Float[Array, ""]
     root_orientation: Float[Array, ""]
 
-    def predict(
-        self, examples: Examples, question: Question, state: State, trackers: TrackerTerm
-    ) -> Prediction:
+    def predict(self, examples: Examples, question: Question, state: State) -> Prediction:
         """The regression's prediction with the residual of its training examples."""
         valid = jnp.repeat(question.history_valid, DOF_COUNT)
         X = examples.angles[:, 1:].reshape(len(examples.angles), -1) * valid
@@ -133,21 +206,21 @@ class PrincipalRegression(Prior):
             PriorTerm(Gaussian.from_deviations(mean, jnp.maximum(sigma, self.floor))),
             RootTerm(qpos, self.root_position, self.root_orientation),
         )
-        return Prediction(qpos, terms, jnp.ones(()))
+        return Prediction(qpos, terms)
 
-    def acquire(self, examples: Examples, question: Question) -> Acquisition:
+    def acquire(self, examples: Examples, question: Question) -> Candidates:
         """Mean and deviation of the examples found by the trackers."""
         return _pose_statistics(examples, self.floor)
 
 
-def _pose_statistics(examples: Examples, floor: Float[Array, ""]) -> Acquisition:
+def _pose_statistics(examples: Examples, floor: Float[Array, ""]) -> Candidates:
     """Mean and deviation of the examples; starts are the mean and, near to far, examples."""
     poses = examples.angles[:, 0]
     mean = jnp.mean(poses, axis=0)
     sigma = jnp.maximum(jnp.std(poses, axis=0), floor)
-    stride = max(1, len(poses) // (_STARTS - 1))
-    starts = jnp.concatenate([mean[None], poses[::stride][: _STARTS - 1]])
-    return Acquisition(starts, Gaussian.from_deviations(mean, sigma))
+    stride = max(1, len(poses) // (STARTS - 1))
+    starts = jnp.concatenate([mean[None], poses[::stride][: STARTS - 1]])
+    return Candidates(starts, Gaussian.from_deviations(mean, sigma))
 
 
 def _coasting_root(state: State) -> Float[Array, " 7"]:

@@ -19,8 +19,6 @@ from localreg.body import rotations
 from localreg.body.kinematics import Kinematics, difference
 from localreg.body.skeleton import DOF_COUNT, TANGENT_SIZE
 
-_CHI2_3_MEDIAN = 2.366  # median of the chi-squared distribution with 3 degrees of freedom
-
 
 class Observation(NamedTuple):
     """What the J trackers say at one instant: the JAX side of a `TrackerFrame`."""
@@ -110,26 +108,6 @@ class TrackerTerm(Term):
             residual, jnp.concatenate([J.reshape(-1, TANGENT_SIZE) for _, J in parts])
         )
 
-    def surprise(
-        self, qpos: Float[Array, " 63"], covariance: Float[Array, "62 62"]
-    ) -> Float[Array, ""]:
-        """How much farther the trackers are from a prediction than it expects (squared).
-
-        For every measured position and orientation the squared Mahalanobis distance of
-        its innovation, and of these the median over its expected value: near 1 for a true
-        prediction, and deaf to a minority of outliers. Nothing measured is no surprise.
-        """
-        errors, jacobian = self._errors_and_jacobian(qpos)
-        e = jnp.concatenate([errors[0] / self.sigma_position, errors[1] / self.sigma_orientation])
-        J = jnp.concatenate(
-            [jacobian[:, :3] / self.sigma_position, jacobian[:, 3:] / self.sigma_orientation]
-        )
-        S = jnp.einsum("jan,nm,jbm->jab", J, covariance, J) + jnp.eye(3, dtype=qpos.dtype)
-        squared = jnp.einsum("ja,ja->j", e, jnp.linalg.solve(S, e[..., None])[..., 0])
-        mask = jnp.concatenate([self.observation.position_mask, self.observation.orientation_mask])
-        median = jnp.nanmedian(jnp.where(mask, squared, jnp.nan))
-        return jnp.where(jnp.any(mask), median / _CHI2_3_MEDIAN, 0.0)
-
     def _errors_and_jacobian(
         self, qpos: Float[Array, " 63"]
     ) -> tuple[tuple[Float[Array, "J 3"], Float[Array, "J 3"]], Float[Array, "J 6 62"]]:
@@ -200,7 +178,8 @@ class StepTerm(Term):
         # log(a exp(d)) = log(a) + J_r^-1 d, and J_r(v)^-1 = J_l(v)^-T.
         bend = rotations.inverse_left_jacobian(deviation[3:6]).T
         W = self.gaussian.whitening
-        return Linearized(W @ deviation, W.at[:, 3:6].set(W[:, 3:6] @ bend))
+        residual = W @ (deviation - self.gaussian.mean)
+        return Linearized(residual, W.at[:, 3:6].set(W[:, 3:6] @ bend))
 
 
 class RootTerm(Term):

@@ -1,9 +1,10 @@
 """Where examples come from: the database seen by one subject, minus what is left out."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float32
+from jaxtyping import Array, Bool, Float, Float32
 from numpy import ndarray
 
 from localreg.body.kinematics import Kinematics
@@ -12,7 +13,22 @@ from localreg.database.neighbours import ExactSearch, Metric, NeighbourSearch, Q
 from localreg.database.store import PoseDatabase
 from localreg.errors import DatabaseError
 from localreg.numerics import host_arrays
-from localreg.synthesis.prior import Examples
+
+
+class Examples(NamedTuple):
+    """K neighbours, nearest first.
+
+    Attributes:
+        angles: joint angles of the pose and its m predecessors, newest first [rad].
+        roots: root position and quaternion of the pose and of its predecessor.
+        features: what the trackers would have said.
+        squared_distances: to the query; infinite for rows that only fill the shape.
+    """
+
+    angles: Float[Array, "K m_and_1 56"]
+    roots: Float[Array, "K 2 7"]
+    features: Float[Array, "K f"]
+    squared_distances: Float[Array, " K"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,6 +39,7 @@ class ExampleSource:
         database: the poses.
         features: what the subject's trackers would say in each of them.
         search: finds rows.
+        metric: how differences count in the search.
         targets: rows that may be found: allowed, and with all their predecessors.
         count: K.
         history: m.
@@ -31,6 +48,7 @@ class ExampleSource:
     database: PoseDatabase
     features: Float32[ndarray, "N f"]
     search: NeighbourSearch
+    metric: Metric
     targets: Bool[ndarray, " N"]
     count: int
     history: int
@@ -66,7 +84,7 @@ def example_source(
             "leave less out"
         )
     search = ExactSearch(database.angles, features, targets, metric)
-    return ExampleSource(database, features, search, targets, count, history)
+    return ExampleSource(database, features, search, metric, targets, count, history)
 
 
 def features_for(

@@ -6,6 +6,7 @@ from jaxtyping import Bool, Float
 from numpy import ndarray
 
 from localreg import numerics as numerics
+from localreg.body.chain import Chain, chain_of
 from localreg.body.kinematics import Kinematics
 from localreg.body.skeleton import DOF_COUNT, DOF_NAMES, joint_limits
 from localreg.body.subject import Subject
@@ -13,20 +14,20 @@ from localreg.database.features import FeatureLayout
 from localreg.database.neighbours import Metric
 from localreg.database.store import DEFAULT_RATE, PoseDatabase
 from localreg.errors import SynthesisError
-from localreg.synthesis.baselines import LocalSubspace, PrincipalRegression
-from localreg.synthesis.examples import ExampleSource, example_source, features_for
-from localreg.synthesis.prior import (
+from localreg.synthesis.baselines import (
     InverseKinematics,
-    LocalRegression,
-    Prior,
+    LocalSubspace,
+    PrincipalRegression,
     PublishedRegression,
 )
+from localreg.synthesis.examples import ExampleSource, example_source, features_for
+from localreg.synthesis.local_regression import LocalRegression
+from localreg.synthesis.prior import Prior
 from localreg.synthesis.settings import METHODS, Settings
 from localreg.synthesis.synthesizer import Synthesizer
+from localreg.synthesis.term_prior import FromTerms, TermPrior
 
 __all__ = ["METHODS", "build_estimator", "build_synthesizer"]
-
-_BASIS_ROWS = 4000  # windows that the principal directions are found from
 
 
 def build_estimator(
@@ -62,17 +63,19 @@ def build_synthesizer(
     kinematics = Kinematics.from_subject(subject)
     if settings.prior == "ik":
         rate = DEFAULT_RATE if database is None else database.rate
-        return Synthesizer(subject, rate, settings, kinematics, _inverse_kinematics(settings), None)
+        prior = FromTerms(_inverse_kinematics(settings), None)
+        return Synthesizer(subject, rate, settings, kinematics, prior)
     if database is None:
         raise SynthesisError(f"the prior {settings.prior!r} needs a database; build one first")
     layout = FeatureLayout.of(subject)
     features = features_for(database, layout, kinematics)
+    chain = chain_of(kinematics)
     metric = _metric(settings, layout)
 
     def build(allowed: Bool[ndarray, " poses"] | None) -> Synthesizer:
         source = example_source(database, features, allowed, metric, settings.neighbours)
-        prior = _database_prior(settings, layout, source)
-        return Synthesizer(subject, database.rate, settings, kinematics, prior, source, build)
+        prior = _database_prior(settings, layout, source, chain)
+        return Synthesizer(subject, database.rate, settings, kinematics, prior, build)
 
     return build(allowed)
 
@@ -87,60 +90,25 @@ def _columns(layout: FeatureLayout, position: float, rotation: float) -> Float[n
     return layout.columns(np.full(trackers, position), np.full(trackers, rotation))
 
 
-def _database_prior(settings: Settings, layout: FeatureLayout, source: ExampleSource) -> Prior:
-    if settings.prior in ("paper", "joint"):
-        return PublishedRegression(
-            rank=settings.rank,
-            joint=settings.prior == "joint",
-            floor=jnp.asarray(settings.floor),
-            root_position=jnp.asarray(settings.root_position),
-            root_orientation=jnp.asarray(settings.root_orientation),
-        )
-    if settings.prior == "lpcr":
-        return PrincipalRegression(
-            rank=settings.rank,
-            floor=jnp.asarray(settings.floor),
-            root_position=jnp.asarray(settings.root_position),
-            root_orientation=jnp.asarray(settings.root_orientation),
-        )
-    if settings.prior == "lpca":
-        return LocalSubspace(
-            rank=settings.rank,
-            floor=jnp.asarray(settings.floor),
-            smoothness=jnp.asarray(settings.smoothness),
-            root_position=jnp.asarray(settings.root_position),
-            root_orientation=jnp.asarray(settings.root_orientation),
-        )
-    noise = _columns(layout, settings.feature_position_noise, settings.feature_rotation_noise)
-    rows = np.flatnonzero(source.targets)
-    rows = rows[:: max(1, len(rows) // _BASIS_ROWS)]
-    past = source.database.histories(rows, settings.history).reshape(len(rows), -1)
-    inputs = np.hstack([past / settings.history_noise, source.features[rows] / noise])
-    return LocalRegression(
-        history_noise=jnp.asarray(settings.history_noise),
-        feature_noise=jnp.asarray(noise),
-        basis=_principal_directions(inputs, settings.components),
-        ridge=jnp.asarray(settings.ridge),
-        floor=jnp.asarray(settings.floor),
-        pose_information=jnp.asarray(settings.pose_information),
-        step_noise=jnp.asarray(settings.step_noise),
-        step_basis=_principal_directions(past, settings.components),
-        step_ridge=jnp.asarray(settings.step_ridge),
-        step_spread=jnp.asarray(settings.step_spread),
-        step_floor=jnp.concatenate(
-            [
-                jnp.full(3, settings.step_floor_position),
-                jnp.full(3 + DOF_COUNT, settings.step_floor_angle),
-            ]
-        ),
-        surprise_memory=jnp.asarray(settings.surprise_memory),
-    )
+def _database_prior(
+    settings: Settings, layout: FeatureLayout, source: ExampleSource, chain: Chain
+) -> Prior:
+    if settings.prior == "localreg":
+        noise = _columns(layout, settings.feature_position_noise, settings.feature_rotation_noise)
+        return LocalRegression.over(source, settings, noise, chain)
+    return FromTerms(_published(settings), source)
 
 
-def _principal_directions(rows: Float[ndarray, "rows n"], count: int) -> Float[jnp.ndarray, "n r"]:
-    centered = rows.astype(float) - rows.mean(axis=0, dtype=float)
-    vectors = np.linalg.eigh(centered.T @ centered)[1]
-    return jnp.asarray(np.ascontiguousarray(vectors[:, ::-1][:, :count]))
+def _published(settings: Settings) -> TermPrior:
+    floor = jnp.asarray(settings.floor)
+    root = jnp.asarray(settings.root_position), jnp.asarray(settings.root_orientation)
+    match settings.prior:
+        case "lpca":
+            return LocalSubspace(settings.rank, floor, jnp.asarray(settings.smoothness), *root)
+        case "lpcr":
+            return PrincipalRegression(settings.rank, floor, *root)
+        case _:
+            return PublishedRegression(settings.rank, settings.prior == "joint", floor, *root)
 
 
 def _inverse_kinematics(settings: Settings) -> InverseKinematics:

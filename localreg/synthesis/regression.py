@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import jax.scipy.linalg as jsl
 from jaxtyping import Array, Float
 
 from localreg import numerics as numerics
@@ -25,68 +24,6 @@ class Normal(NamedTuple):
 
     mean: Float[Array, " d"]
     covariance: Float[Array, "d d"]
-
-
-def kernel_weights(squared_distances: Float[Array, " K"]) -> Float[Array, " K"]:
-    """Weights that fall smoothly from 1 at the query to 0 beyond the farthest neighbour.
-
-    Rows at infinite distance, which only fill the shape, get none.
-    """
-    finite = jnp.isfinite(squared_distances)
-    farthest = jnp.max(jnp.where(finite, squared_distances, 0.0))
-    share = jnp.where(finite, squared_distances, 0.0) / jnp.maximum(1.1 * farthest, 1e-12)
-    return jnp.where(finite, jnp.square(1.0 - share), 0.0)
-
-
-def within_reach(
-    X: Float[Array, "K n"], weights: Float[Array, " K"], x: Float[Array, " n"]
-) -> Float[Array, " n"]:
-    """The input, held near those of the examples that count; in units of its noise.
-
-    A local regression has nothing to say far from its examples: a tracker that jumped by
-    5 m bent the prediction by radians, and the body followed it 60 cm. Held within the
-    examples' range, a quarter of it and three deviations, 3 cm.
-    """
-    counts = (weights > 0.0)[:, None]
-    low = jnp.min(jnp.where(counts, X, jnp.inf), axis=0)
-    high = jnp.max(jnp.where(counts, X, -jnp.inf), axis=0)
-    margin = 0.25 * (high - low) + 3.0
-    return jnp.where(jnp.any(counts), jnp.clip(x, low - margin, high + margin), x)
-
-
-def weighted_ridge(
-    X: Float[Array, "K n"],
-    Y: Float[Array, "K d"],
-    weights: Float[Array, " K"],
-    x: Float[Array, " n"],
-    ridge: Float[Array, ""],
-) -> Normal:
-    """Weighted ridge regression with its predictive (leave-one-out) covariance.
-
-    With inputs measured in units of their own noise a unit ridge is the
-    errors-in-variables solution: an input is believed as far as its spread among the
-    neighbours exceeds its noise. The covariance is that of the leave-one-out residuals
-    e_i / (1 - h_ii), exact for weighted ridge (PRESS; Allen 1974) with
-
-        h_ii = w_i / sum w + w_i x_i^T (X^T W X + lambda I)^-1 x_i
-
-    on centered inputs, plus the noise of x carried through the regression.
-    """
-    # Where no example has any weight, all of them count alike.
-    weights = jnp.where(jnp.any(weights > 0.0), weights, 1.0)
-    total = jnp.sum(weights)
-    center, mean = weights @ X / total, weights @ Y / total
-    X, Y = X - center, Y - mean
-    XW = X * weights[:, None]
-    normal = X.T @ XW + ridge * total * jnp.eye(X.shape[1], dtype=X.dtype)
-    lower = jnp.linalg.cholesky(normal)
-    slopes = jsl.cho_solve((lower, True), XW.T @ Y)
-    half = jsl.solve_triangular(lower, X.T, lower=True)
-    leverage = weights * (1.0 / total + jnp.sum(half * half, axis=0))
-    # A lone far example may own its fit; the cap keeps its residual finite.
-    residuals = (Y - X @ slopes) / jnp.maximum(1.0 - leverage, 0.05)[:, None]
-    covariance = (residuals * weights[:, None]).T @ residuals / total
-    return Normal(mean + (x - center) @ slopes, covariance + slopes.T @ slopes)
 
 
 def per_dof_projection(

@@ -28,20 +28,18 @@ class Settings:
         max_steps_acquire: cap where the pose is found from nothing.
         rank: r, the principal directions kept (paper, joint, lpcr, lpca).
         floor: least standard deviation of a predicted joint angle [rad].
-        ridge: multiple of the noise-derived ridge of the pose regression.
         components: principal directions that regression inputs are reduced to.
-        history_noise: what reconstructed joint angles are off by, for the pose [rad].
+        history_noise: what reconstructed joint angles are off by before rehearsal has told
+            better [rad].
         feature_position_noise: what feature positions are off by [m].
         feature_rotation_noise: what entries of feature rotation matrices are off by.
         pose_information: share of the pose regression's information that is new in each
             frame; its errors last for about the inverse in frames.
         step_noise: what the past's joint angles are off by, for the step [rad].
-        step_ridge: multiple of the noise-derived ridge of the step regression.
-        step_spread: factor on the step's predicted standard deviation; above 1 since
-            its errors, too, are alike from frame to frame.
+        drift_memory: share of the step regression's error that is still there a frame later.
         step_floor_position: least standard deviation of the root's step [m].
         step_floor_angle: least standard deviation of any angle's step [rad].
-        surprise_memory: share of a surprise that is still believed a frame later.
+        rehearsals: database poses that trust in the regressions is learned from.
         metric_history: weight of each lag's joint angles in the search [1/rad].
         search_by_trackers: whether neighbours must agree with the present trackers, too;
             where there is no past they always must.
@@ -52,11 +50,12 @@ class Settings:
         root_orientation: the same [rad].
         previous_pose: pull to the previous pose (ik) [rad].
         limit_softness: how far beyond a joint's range is one standard deviation (ik) [rad].
-        smoothness: deviation of joint angles from constant velocity (lpca) [rad].
+        smoothness: deviation of q_t - 2 q_(t-1) + q_(t-2) (lpca) [rad].
+        solver: one of `localreg.synthesis.solver.SOLVERS`.
     """
 
     prior: str = "localreg"
-    neighbours: int = 300
+    neighbours: int = 400
     history: int = 3
     sigma_position: float = 0.005
     sigma_orientation: float = radians(1.0)
@@ -64,20 +63,18 @@ class Settings:
     max_steps: int = 16
     max_steps_acquire: int = 40
     rank: int = 10
-    floor: float = radians(2.0)
-    ridge: float = 3.0
+    floor: float = radians(1.0)
     components: int = 48
-    history_noise: float = radians(1.0)
+    history_noise: float = radians(2.0)
     feature_position_noise: float = 0.006
     feature_rotation_noise: float = 0.012
     pose_information: float = 0.15
     step_noise: float = radians(0.5)
-    step_ridge: float = 10.0
-    step_spread: float = 4.5
+    drift_memory: float = 0.85
     step_floor_position: float = 0.001
     step_floor_angle: float = radians(0.1)
-    surprise_memory: float = 0.9
-    metric_history: tuple[float, ...] = (1.0, 0.5, 0.25)
+    rehearsals: int = 300
+    metric_history: tuple[float, ...] = (0.3, 0.15, 0.07)
     search_by_trackers: bool = True
     metric_position: float = 3.0
     metric_rotation: float = 0.5
@@ -86,6 +83,7 @@ class Settings:
     previous_pose: float = radians(6.0)
     limit_softness: float = radians(3.0)
     smoothness: float = radians(3.0)
+    solver: str = "compiled"
 
     def __post_init__(self) -> None:
         if self.prior not in PRIORS:
@@ -101,20 +99,18 @@ class Settings:
 PRIORS: Final = ("localreg", "paper", "joint", "ik", "lpcr", "lpca")
 """Names of the priors."""
 
+_PAST_ONLY: Final = replace(
+    Settings(), metric_history=(1.0, 0.5, 0.25), search_by_trackers=False, neighbours=40
+)
+
 METHODS: Final[dict[str, Settings]] = {
     "localreg": Settings(),
     # K and r are near the published ones; of the floors 1.5 and 3 degrees this one tracked
     # joint angles better.
-    "paper": replace(
-        Settings(), prior="paper", neighbours=40, floor=radians(3.0), search_by_trackers=False
-    ),
-    "joint": replace(
-        Settings(), prior="joint", neighbours=40, floor=radians(3.0), search_by_trackers=False
-    ),
-    "lpcr": replace(
-        Settings(), prior="lpcr", neighbours=40, floor=radians(3.0), search_by_trackers=False
-    ),
-    "lpca": replace(Settings(), prior="lpca", neighbours=40, rank=20, floor=radians(2.0)),
+    "paper": replace(_PAST_ONLY, prior="paper", floor=radians(3.0)),
+    "joint": replace(_PAST_ONLY, prior="joint", floor=radians(3.0)),
+    "lpcr": replace(_PAST_ONLY, prior="lpcr", floor=radians(3.0)),
+    "lpca": replace(_PAST_ONLY, prior="lpca", search_by_trackers=True, rank=20, floor=radians(2.0)),
     "ik": replace(Settings(), prior="ik", neighbours=0),
 }
 """The settings of every method that can be asked for by name."""

@@ -1,27 +1,165 @@
-"""Levenberg-Marquardt over one pose, by optimistix.
+"""Minimizing the energy of a pose: one interface, two solvers of the same problem.
 
-The unknown is the 62-vector of tangent increments from the start, so that the root's
-quaternion needs no constraint. The derivative is the terms' own, injected by a custom
-JVP: differentiating through the kinematic chain costs twice as much.
+`CompiledSolver` is the default, live and offline (`localreg.synthesis.compiled`).
+`ReferenceSolver` is the readable one, by optimistix: the unknown is the 62-vector of tangent
+increments from the start, so that the root's quaternion needs no constraint, and the
+derivative is the terms' own, injected by a custom JVP, since differentiating through the
+kinematic chain costs twice as much. Tests hold both to the same energies.
 """
 
-from typing import Any
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import lineax as lx
+import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
+from numpy import ndarray
 
+from localreg import numerics as numerics
 from localreg.body import rotations
-from localreg.body.kinematics import integrate
+from localreg.body.chain import Chain, blank_placed
+from localreg.body.kinematics import Kinematics, integrate
 from localreg.body.skeleton import TANGENT_SIZE
-from localreg.synthesis.energy import Term, energy, linearize
+from localreg.synthesis.belief import Belief, terms_of_belief
+from localreg.synthesis.compiled import Control, minimize
+from localreg.synthesis.energy import Observation, Term, TrackerTerm, energy, linearize
 
 
-class Solution(eqx.Module):
-    """What the solver found.
+class Problem(NamedTuple):
+    """An energy to minimize.
+
+    Attributes:
+        kinematics: the body.
+        chain: the same body, for compiled code.
+        observation: what the trackers say.
+        control: how they count.
+        belief: the prior.
+    """
+
+    kinematics: Kinematics
+    chain: Chain
+    observation: Observation
+    control: Control
+    belief: Belief
+
+
+class Solution(NamedTuple):
+    """What a solver found.
+
+    Attributes:
+        qpos: the pose.
+        energy: at that pose.
+        steps: steps taken; reaching the cap is normal.
+        hessian: of the energy by the 62 tangent coordinates (Gauss-Newton).
+        position_errors: synthesized minus measured tracker positions [m].
+        orientation_errors: the same as world rotation vectors [rad].
+        orientations: world quaternions of the synthesized trackers.
+    """
+
+    qpos: Float[ndarray, "63"]
+    energy: float
+    steps: int
+    hessian: Float[ndarray, "62 62"]
+    position_errors: Float[ndarray, "J 3"]
+    orientation_errors: Float[ndarray, "J 3"]
+    orientations: Float[ndarray, "J 4"]
+
+    @property
+    def ok(self) -> bool:
+        """Whether the answer is a number."""
+        return bool(np.isfinite(self.energy) and np.all(np.isfinite(self.qpos)))
+
+
+class Solver(ABC):
+    """Minimizes the energy of a pose."""
+
+    @abstractmethod
+    def solve(self, problem: Problem, start: Float[ndarray, "63"], max_steps: int) -> Solution:
+        """The best pose found from a start; never of higher energy than the start."""
+
+
+@dataclass(frozen=True)
+class CompiledSolver(Solver):
+    """The fast solver.
+
+    Attributes:
+        tolerance: expected decrease of the energy that is not worth another step.
+    """
+
+    tolerance: float = 1e-4
+
+    def solve(self, problem: Problem, start: Float[ndarray, "63"], max_steps: int) -> Solution:
+        """The best pose found from a start."""
+        placed = blank_placed(problem.chain)
+        errors = np.zeros_like(placed.site_position), np.zeros_like(placed.site_position)
+        qpos, least, steps, hessian = minimize(
+            problem.chain, problem.observation, problem.control, problem.belief,
+            start, max_steps, self.tolerance, placed, errors,
+        )  # fmt: skip
+        return Solution(qpos, least, steps, hessian, *errors, placed.site_orientation)
+
+
+@dataclass(frozen=True)
+class ReferenceSolver(Solver):
+    """The readable solver, on the energy terms that papers would write.
+
+    Attributes:
+        rtol: relative tolerance of the step and of the energy.
+        atol: absolute tolerance.
+    """
+
+    rtol: float = 1e-4
+    atol: float = 1e-5
+
+    def solve(self, problem: Problem, start: Float[ndarray, "63"], max_steps: int) -> Solution:
+        """The best pose found from a start."""
+        trackers = TrackerTerm(
+            problem.kinematics,
+            jax.tree.map(jnp.asarray, problem.observation),
+            *map(jnp.asarray, problem.control),
+        )
+        method = LevenbergMarquardt(self.rtol, self.atol)
+        found, hessian, errors, orientations = _solve_terms(
+            method, max_steps, trackers, terms_of_belief(problem.belief), jnp.asarray(start)
+        )
+        position, orientation = map(np.array, errors)
+        return Solution(
+            np.array(found.qpos),
+            float(found.energy),
+            int(found.steps),
+            np.array(hessian),
+            position,
+            orientation,
+            np.array(orientations),
+        )
+
+
+SOLVERS: Final[dict[str, Solver]] = {"compiled": CompiledSolver(), "optimistix": ReferenceSolver()}
+"""The solvers by name."""
+
+
+@eqx.filter_jit
+def _solve_terms(
+    method: "LevenbergMarquardt",
+    max_steps: int,
+    trackers: TrackerTerm,
+    prior: tuple[Term, ...],
+    start: Float[Array, " 63"],
+) -> tuple["Found", Array, tuple[Array, Array], Array]:
+    terms = (trackers, *prior)
+    found = method.solve(terms, start, max_steps)
+    jacobian = linearize(terms, found.qpos).jacobian
+    poses = trackers.kinematics.tracker_poses(found.qpos)
+    return found, jacobian.T @ jacobian, trackers.errors(found.qpos), poses.quaternions
+
+
+class Found(eqx.Module):
+    """What optimistix found.
 
     Attributes:
         qpos: the pose.
@@ -48,9 +186,7 @@ class LevenbergMarquardt(eqx.Module):
     rtol: float = eqx.field(static=True, default=1e-4)
     atol: float = eqx.field(static=True, default=1e-5)
 
-    def solve(
-        self, terms: tuple[Term, ...], start: Float[Array, " 63"], max_steps: int
-    ) -> Solution:
+    def solve(self, terms: tuple[Term, ...], start: Float[Array, " 63"], max_steps: int) -> Found:
         """Minimize the energy from a start, in at most `max_steps` steps."""
         method = optx.LevenbergMarquardt(
             rtol=self.rtol, atol=self.atol, linear_solver=lx.Normal(lx.Cholesky())
@@ -66,7 +202,7 @@ class LevenbergMarquardt(eqx.Module):
         qpos = normalize_root(integrate(start, found.value))
         before, after = energy(terms, start), energy(terms, qpos)
         ok = jnp.isfinite(after) & (after <= before)
-        return Solution(
+        return Found(
             jnp.where(ok, qpos, start),
             jnp.where(ok, after, before),
             jnp.asarray(found.stats["num_steps"]),

@@ -1,13 +1,12 @@
 """What an estimator carries from frame to frame."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 from numpy import ndarray
 
-from localreg import numerics as numerics
+from localreg.body.chain import difference
 from localreg.body.skeleton import DOF_COUNT, QPOS_SIZE, TANGENT_SIZE
 
 
@@ -21,8 +20,7 @@ class State(NamedTuple):
         history: joint angles of the last m poses, newest first [rad].
         history_valid: which of them exist.
         reference: rotation matrix of the reference tracker as synthesized.
-        surprise: how many times larger than predicted the trackers' deviations from
-            prediction have lately been (squared).
+        drift: how the past has lately misled; the prior's own business.
         lost: frames in a row that the trackers were left far from.
     """
 
@@ -32,7 +30,7 @@ class State(NamedTuple):
     history: Float[Array | ndarray, "m 56"]
     history_valid: Bool[Array | ndarray, " m"]
     reference: Float[Array | ndarray, "3 3"]
-    surprise: Float[Array | ndarray, ""]
+    drift: Any = None
     lost: int = 0
 
 
@@ -47,7 +45,6 @@ def blank_state(history: int) -> State:
         history=np.zeros((history, DOF_COUNT)),
         history_valid=np.zeros(history, dtype=bool),
         reference=np.eye(3),
-        surprise=np.ones(()),
     )
 
 
@@ -65,9 +62,13 @@ def state_at(qpos: Float[ndarray, "63"], history: int) -> State:
     )
 
 
-def remember(history: Array, valid: Array, qpos: Array) -> tuple[Array, Array]:
-    """The history with one more pose at its front, the oldest dropped."""
-    return (
-        jnp.concatenate([qpos[None, 7:], history[:-1]]),
-        jnp.concatenate([jnp.ones(1, dtype=bool), valid[:-1]]),
+def remember(state: State, qpos: Float[ndarray, "63"]) -> State:
+    """The state with a solved pose in front of its history, the oldest dropped."""
+    velocity = np.empty(TANGENT_SIZE)
+    difference(np.asarray(state.qpos, dtype=float), qpos, velocity)
+    return state._replace(
+        qpos=qpos,
+        velocity=velocity[:6],
+        history=np.concatenate([qpos[None, 7:], state.history[:-1]]),
+        history_valid=np.concatenate([[True], state.history_valid[:-1]]),
     )

@@ -1,42 +1,32 @@
 """From tracker frames to poses, one at a time: the same `step` live and offline.
 
-    frame -> query -> neighbours -> prior -> energy -> solver -> pose
-
-The search runs on the host over memory-mapped poses; all the rest of a frame is one
-compiled function of fixed shapes, traced once for all subjects and sessions.
+frame -> query -> prior (neighbours, regression) -> belief -> solver -> pose
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, partial
-from typing import Final, NamedTuple
+from functools import cached_property
+from typing import Final
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 from numpy import ndarray
 
-from localreg.body import rotations
-from localreg.body.kinematics import Kinematics, difference
+from localreg.body.chain import Chain, blank_placed, chain_of, place_trackers
+from localreg.body.kinematics import Kinematics
+from localreg.body.skeleton import TANGENT_SIZE
 from localreg.body.subject import Subject
 from localreg.database.features import FeatureLayout, quaternions_to_matrices
 from localreg.database.neighbours import Query
 from localreg.numerics import host_arrays
 from localreg.synthesis.alignment import align_root, snap_to_reference
-from localreg.synthesis.energy import (
-    Observation,
-    PriorTerm,
-    Term,
-    TrackerTerm,
-    energy,
-    linearize,
-)
+from localreg.synthesis.belief import Belief
+from localreg.synthesis.compiled import Control, energy_at
+from localreg.synthesis.energy import Observation
 from localreg.synthesis.estimator import Estimator, Pose, Result
-from localreg.synthesis.examples import ExampleSource
-from localreg.synthesis.prior import Examples, Prior, Question
+from localreg.synthesis.prior import Expectation, Prior
 from localreg.synthesis.settings import Settings
-from localreg.synthesis.solver import LevenbergMarquardt, Solution
+from localreg.synthesis.solver import SOLVERS, Problem, Solution
 from localreg.synthesis.state import State, blank_state, remember, state_at
 from sensors.pose import TrackerFrame
 
@@ -50,23 +40,13 @@ _FAR: Final = 40.0
 """Median squared distance to the trackers, in units of their sigmas, that counts as far:
 3 cm or 6 degrees where 0.5 cm and 1 degree are expected."""
 
-
-class _Solved(NamedTuple):
-    """What one compiled call gives back."""
-
-    state: State
-    position_residuals: Float[Array, " J"]
-    orientation_residuals: Float[Array, " J"]
-    sigma: Float[Array, "56"]
-    far: Bool[Array, ""]
-    energy: Float[Array, ""]
-    steps: Array
-    ok: Bool[Array, ""]
+_LEAST_INFORMATION: Final = 1e-6
+"""Keeps a covariance finite where nothing is observed."""
 
 
 @dataclass(frozen=True, eq=False)
 class Synthesizer(Estimator[State]):
-    """An estimator made of a body, a source of examples and a prior.
+    """An estimator made of a body and a prior.
 
     Attributes:
         subject: whose body is moved.
@@ -74,7 +54,7 @@ class Synthesizer(Estimator[State]):
         settings: the numbers of the method.
         kinematics: the subject's body.
         prior: the method's belief.
-        examples: where neighbours come from; None for methods without a database.
+        rebuild: makes the same estimator over other poses; None without a database.
     """
 
     subject: Subject
@@ -82,7 +62,6 @@ class Synthesizer(Estimator[State]):
     settings: Settings
     kinematics: Kinematics
     prior: Prior
-    examples: ExampleSource | None
     rebuild: Callable[[Bool[ndarray, " poses"]], "Synthesizer"] | None = None
 
     def leave_out(self, allowed: Bool[ndarray, " poses"]) -> "Synthesizer":
@@ -91,47 +70,57 @@ class Synthesizer(Estimator[State]):
 
     def init(self, frame: TrackerFrame) -> State:
         """Find the pose from one frame alone, from several starts."""
-        return self._acquire(blank_state(self.settings.history), _observe(frame)).state
+        return self._acquire(blank_state(self.settings.history), _observe(frame))[0]
 
     def init_at(self, qpos: Float[ndarray, "63"]) -> State:
         """Begin from a known pose."""
+        qpos = np.asarray(qpos, dtype=float)
         state = state_at(qpos, self.settings.history)
-        trackers = self.kinematics.tracker_poses(jnp.asarray(qpos))
-        reference = rotations.to_matrix(trackers.quaternions[self._layout.reference])
-        return state._replace(reference=np.asarray(reference))
+        orientations = place_trackers(self._chain, qpos)[1]
+        return state._replace(reference=self._reference(orientations))
 
     def step(self, state: State, frame: TrackerFrame) -> tuple[State, Pose]:
         """The next pose."""
         observation = _observe(frame)
-        solved = _step(
-            self.settings, self._layout.reference, self.prior, self.kinematics,
-            *self._ask(state, observation), _arrays(state), observation,
-        )  # fmt: skip
-        lost = state.lost + 1 if bool(solved.far) else 0
-        result = Result.SOLVED if bool(solved.ok) else Result.FAILED
-        if lost >= LOST_AFTER:
-            lost = 0
-            found = self._acquire(
-                blank_state(self.settings.history)._replace(qpos=np.asarray(solved.state.qpos)),
-                observation,
-            )
-            if bool(found.ok) and not bool(found.far):
-                solved, result = found, Result.REACQUIRED
-        state = solved.state._replace(lost=lost)
-        return state, self._pose(frame.time, solved, result)
+        expectation = self.prior.expect(self._query(state, observation), state)
+        solution = self._solve(state, observation, expectation)
+        solved = solution.ok
+        if not solved:
+            solution = self._stay(state, observation, expectation)
+        covariance = _inverse(solution.hessian)
+        after = remember(state, solution.qpos)._replace(
+            covariance=covariance,
+            reference=self._reference(solution.orientations),
+            drift=self.prior.conclude(expectation, solution.qpos, covariance),
+            lost=state.lost + 1 if self._is_far(observation, solution) else 0,
+        )
+        result = Result.SOLVED if solved else Result.FAILED
+        if after.lost >= LOST_AFTER:
+            after = after._replace(lost=0)
+            blank = blank_state(self.settings.history)._replace(qpos=after.qpos)
+            found, sought = self._acquire(blank, observation)
+            if sought.ok and not self._is_far(observation, sought):
+                after, solution, result = found, sought, Result.REACQUIRED
+        return after, self._pose(frame.time, after, observation, solution, expectation, result)
+
+    @cached_property
+    def _chain(self) -> Chain:
+        return chain_of(self.kinematics)
 
     @cached_property
     def _layout(self) -> FeatureLayout:
         return FeatureLayout.of(self.subject)
 
-    def _acquire(self, state: State, observation: Observation) -> _Solved:
-        return _acquire(
-            self.settings, self._layout.reference, self.prior, self.kinematics,
-            *self._ask(state, observation), _arrays(state), observation,
-        )  # fmt: skip
+    @property
+    def _control(self) -> Control:
+        settings = self.settings
+        return Control(settings.sigma_position, settings.sigma_orientation, settings.lorentzian)
 
-    def _ask(self, state: State, observation: Observation) -> tuple[Examples, Question]:
-        """Neighbours for what is known so far; empty for methods without a database."""
+    def _problem(self, observation: Observation, belief: Belief) -> Problem:
+        return Problem(self.kinematics, self._chain, observation, self._control, belief)
+
+    def _query(self, state: State, observation: Observation) -> Query:
+        """What is known before the pose is solved."""
         layout = self._layout
         matrices = quaternions_to_matrices(np.asarray(observation.quaternions))
         if not observation.orientation_mask[layout.reference]:
@@ -141,36 +130,95 @@ class Synthesizer(Estimator[State]):
         )
         if not self.settings.search_by_trackers and np.any(state.history_valid):
             valid = np.zeros_like(valid)
-        query = Query(
+        return Query(
             history=np.asarray(state.history),
             history_valid=np.asarray(state.history_valid),
             features=layout.extract(np.asarray(observation.positions), matrices),
             feature_valid=valid,
         )
-        if self.examples is None:
-            return NO_EXAMPLES, Question(*host_arrays(*query))
-        return self.examples.find(query), Question(*host_arrays(*query))
 
-    def _pose(self, time: float, solved: _Solved, result: Result) -> Pose:
-        confidence = float("nan")
-        if self.examples is not None:
-            confidence = 1.0 / max(1.0, float(solved.state.surprise))
+    def _solve(self, state: State, observation: Observation, expectation: Expectation) -> Solution:
+        """The solver's answer, from the better of two starts."""
+        problem = self._problem(observation, expectation.belief)
+        expected = expectation.belief.qpos
+        if not np.isfinite(expected).all():
+            return self._stay(state, observation, expectation)
+        # Constant velocity and the reference tracker disagree when one of them is wrong.
+        snapped = snap_to_reference(self._chain, expected, observation, self._layout.reference)
+        start = min(expected, snapped, key=lambda qpos: self._energy(problem, qpos))
+        return SOLVERS[self.settings.solver].solve(problem, start, self.settings.max_steps)
+
+    def _stay(self, state: State, observation: Observation, expectation: Expectation) -> Solution:
+        """The pose of the frame before: what is shown when a frame cannot be solved."""
+        qpos = np.array(state.qpos, dtype=float)
+        positions, orientations = place_trackers(self._chain, qpos)
+        apart = np.where(observation.position_mask[:, None], positions - observation.positions, 0.0)
+        information = np.linalg.pinv(np.asarray(state.covariance))
+        return Solution(qpos, np.nan, 0, information, apart, np.zeros_like(apart), orientations)
+
+    def _energy(self, problem: Problem, qpos: Float[ndarray, "63"]) -> float:
+        placed = blank_placed(problem.chain)
+        errors = np.zeros_like(placed.site_position), np.zeros_like(placed.site_position)
+        room = np.empty(TANGENT_SIZE), np.empty(TANGENT_SIZE)
+        return energy_at(
+            problem.chain, problem.observation, problem.control, problem.belief, qpos,
+            placed, errors, *room,
+        )  # fmt: skip
+
+    def _acquire(self, state: State, observation: Observation) -> tuple[State, Solution]:
+        """The best pose from several starts, without a past."""
+        acquisition = self.prior.acquire(self._query(state, observation))
+        information = np.zeros((TANGENT_SIZE, TANGENT_SIZE))
+        information[6:, 6:] = acquisition.information
+        mean = np.zeros(TANGENT_SIZE)
+        solutions = []
+        for angles in acquisition.starts:
+            start = align_root(self._chain, np.asarray(state.qpos), angles, observation)
+            mean[6:] = acquisition.mean - angles
+            belief = Belief(start, mean.copy(), information)
+            problem = self._problem(observation, belief)
+            solver = SOLVERS[self.settings.solver]
+            solutions.append(solver.solve(problem, start, self.settings.max_steps_acquire))
+        best = min(solutions, key=lambda found: found.energy if found.ok else np.inf)
+        found = state_at(best.qpos, self.settings.history)
+        return found._replace(
+            covariance=_inverse(best.hessian), reference=self._reference(best.orientations)
+        ), best
+
+    def _reference(self, orientations: Float[ndarray, "J 4"]) -> Float[ndarray, "3 3"]:
+        return quaternions_to_matrices(orientations[self._layout.reference])
+
+    def _is_far(self, observation: Observation, solution: Solution) -> bool:
+        """Whether most trackers are far from where they are synthesized."""
+        distances, angles = _residuals(observation, solution)
+        control = self._control
+        squared = np.concatenate(
+            [distances / control.sigma_position, angles / control.sigma_orientation]
+        )
+        squared = np.square(squared[np.isfinite(squared)])
+        return bool(len(squared) and np.median(squared) > _FAR)
+
+    def _pose(
+        self,
+        time: float,
+        state: State,
+        observation: Observation,
+        solution: Solution,
+        expectation: Expectation,
+        result: Result,
+    ) -> Pose:
+        distances, angles = _residuals(observation, solution)
+        measured = np.concatenate([observation.position_mask, observation.orientation_mask])
         return Pose(
             time=time,
-            qpos=np.asarray(solved.state.qpos),
-            position_residuals=np.asarray(solved.position_residuals),
-            orientation_residuals=np.asarray(solved.orientation_residuals),
-            confidence=confidence,
-            predicted_sigma=np.asarray(solved.sigma),
-            steps=int(solved.steps),
+            qpos=solution.qpos,
+            position_residuals=distances,
+            orientation_residuals=angles,
+            confidence=expectation.confidence * float(np.mean(measured)),
+            predicted_sigma=np.sqrt(np.diagonal(np.asarray(state.covariance))[6:]),
+            steps=solution.steps,
             result=result,
         )
-
-
-NO_EXAMPLES: Final = Examples(
-    *host_arrays(np.zeros((0, 1, 56)), np.zeros((0, 2, 7)), np.zeros((0, 0)), np.zeros(0))
-)
-"""What methods without a database are given."""
 
 
 def _observe(frame: TrackerFrame) -> Observation:
@@ -189,116 +237,24 @@ def _observe(frame: TrackerFrame) -> Observation:
 _IDENTITY: Final = np.array([1.0, 0.0, 0.0, 0.0])
 
 
-def _arrays(state: State) -> State:
-    """The state with its Python numbers made harmless to tracing."""
-    return state._replace(lost=0)
-
-
-@partial(jax.jit, static_argnums=(0, 1))
-def _step(
-    settings: Settings,
-    reference: int,
-    prior: Prior,
-    kinematics: Kinematics,
-    examples: Examples,
-    question: Question,
-    state: State,
-    observation: Observation,
-) -> _Solved:
-    trackers = _tracker_term(settings, kinematics, observation)
-    examples = jax.tree.map(lambda a: jnp.asarray(a, dtype=float), examples)
-    prediction = prior.predict(examples, question, state, trackers)
-    terms = (trackers, *prediction.terms)
-    # Constant velocity and the reference tracker disagree when one of them is wrong.
-    snapped = snap_to_reference(kinematics, prediction.qpos, observation, reference)
-    better = energy(terms, snapped) < energy(terms, prediction.qpos)
-    start = jnp.where(better, snapped, prediction.qpos)
-    start = jnp.where(jnp.all(jnp.isfinite(start)), start, jnp.asarray(state.qpos))
-    solution = LevenbergMarquardt().solve(terms, start, settings.max_steps)
-    velocity = difference(jnp.asarray(state.qpos), solution.qpos)[:6]
-    history, valid = remember(
-        jnp.asarray(state.history), jnp.asarray(state.history_valid), solution.qpos
-    )
-    state = state._replace(
-        velocity=velocity, history=history, history_valid=valid, surprise=prediction.surprise
-    )
-    return _solved(state, trackers, terms, solution, reference)
-
-
-@partial(jax.jit, static_argnums=(0, 1))
-def _acquire(
-    settings: Settings,
-    reference: int,
-    prior: Prior,
-    kinematics: Kinematics,
-    examples: Examples,
-    question: Question,
-    state: State,
-    observation: Observation,
-) -> _Solved:
-    trackers = _tracker_term(settings, kinematics, observation)
-    examples = jax.tree.map(lambda a: jnp.asarray(a, dtype=float), examples)
-    starts, gaussian = prior.acquire(examples, question)
-    terms = (trackers, PriorTerm(gaussian))
-
-    def attempt(angles: Float[Array, " 56"]) -> Solution:
-        start = align_root(kinematics, jnp.asarray(state.qpos), angles, observation)
-        return LevenbergMarquardt().solve(terms, start, settings.max_steps_acquire)
-
-    attempts = jax.lax.map(attempt, starts)
-    best = jnp.argmin(jnp.where(attempts.ok, attempts.energy, jnp.inf))
-    solution = jax.tree.map(lambda leaf: leaf[best], attempts)
-    history = jnp.broadcast_to(solution.qpos[7:], state.history.shape)
-    valid = jnp.zeros_like(state.history_valid).at[0].set(True)
-    state = state._replace(
-        velocity=jnp.zeros(6), history=history, history_valid=valid, surprise=jnp.ones(())
-    )
-    return _solved(state, trackers, terms, solution, reference)
-
-
-def _tracker_term(
-    settings: Settings, kinematics: Kinematics, observation: Observation
-) -> TrackerTerm:
-    return TrackerTerm(
-        kinematics,
-        jax.tree.map(jnp.asarray, observation),
-        jnp.asarray(settings.sigma_position),
-        jnp.asarray(settings.sigma_orientation),
-        jnp.asarray(settings.lorentzian),
+def _residuals(
+    observation: Observation, solution: Solution
+) -> tuple[Float[ndarray, " J"], Float[ndarray, " J"]]:
+    """Distances [m] and angles [rad] to the trackers; NaN where not measured."""
+    distances = np.linalg.norm(solution.position_errors, axis=1)
+    angles = np.linalg.norm(solution.orientation_errors, axis=1)
+    return (
+        np.where(observation.position_mask, distances, np.nan),
+        np.where(observation.orientation_mask, angles, np.nan),
     )
 
 
-def _solved(
-    state: State,
-    trackers: TrackerTerm,
-    terms: tuple[Term, ...],
-    solution: Solution,
-    reference: int,
-) -> _Solved:
-    """Belief and report at the solution."""
-    jacobian = linearize(terms, solution.qpos).jacobian
-    # A whisper of information keeps the inverse finite where nothing is observed.
-    information = jacobian.T @ jacobian + 1e-6 * jnp.eye(jacobian.shape[1])
-    covariance = jnp.linalg.inv(information)
-    position, orientation = trackers.errors(solution.qpos)
-    observation = trackers.observation
-    distances = jnp.where(observation.position_mask, jnp.linalg.norm(position, axis=1), jnp.nan)
-    angles = jnp.where(observation.orientation_mask, jnp.linalg.norm(orientation, axis=1), jnp.nan)
-    squared = jnp.concatenate(
-        [distances / trackers.sigma_position, angles / trackers.sigma_orientation]
-    )
-    far = jnp.nan_to_num(jnp.nanmedian(squared**2)) > _FAR
-    poses = trackers.kinematics.tracker_poses(solution.qpos)
-    # A belief that is not finite is forgotten, or no later frame could be solved either.
-    covariance = jnp.where(jnp.all(jnp.isfinite(covariance)), covariance, jnp.eye(len(covariance)))
-    surprise = jnp.asarray(state.surprise)
-    state = state._replace(
-        qpos=solution.qpos,
-        covariance=0.5 * (covariance + covariance.T),
-        surprise=jnp.where(jnp.isfinite(surprise), surprise, 1.0),
-        reference=rotations.to_matrix(poses.quaternions[reference]),
-    )
-    sigma = jnp.sqrt(jnp.diagonal(covariance)[6:])
-    return _Solved(
-        state, distances, angles, sigma, far, solution.energy, solution.steps, solution.ok
-    )
+def _inverse(information: Float[ndarray, "62 62"]) -> Float[ndarray, "62 62"]:
+    """The covariance; of a belief that is not finite, one that knows little.
+
+    Or no later frame could be solved either.
+    """
+    if not np.isfinite(information).all():
+        return np.eye(TANGENT_SIZE)
+    covariance = np.linalg.inv(information + _LEAST_INFORMATION * np.eye(TANGENT_SIZE))
+    return 0.5 * (covariance + covariance.T)

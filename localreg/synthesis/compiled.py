@@ -1,0 +1,296 @@
+"""Levenberg-Marquardt over one pose as machine code: the default solver, live and offline.
+
+It minimizes the energy of `localreg.synthesis.energy`, whose optimistix solver it is tested
+to agree with. What makes it fast: the prior is one quadratic form, so only the trackers are
+linearized in every step; the Lorentzian enters by iteratively reweighted least squares,
+weights 1 / (1 + t) with the true energy deciding what is accepted, which takes fewer steps
+than the square-root residual; a tracker's columns are mostly zero and are skipped.
+"""
+
+from math import log1p
+from typing import NamedTuple, no_type_check
+
+import numpy as np
+from numba import njit
+
+from localreg.body.chain import (
+    conjugate,
+    difference,
+    integrate,
+    inverse_left_jacobian,
+    logarithm,
+    multiply,
+    place,
+    tracker_jacobian,
+)
+
+_TANGENT = 62
+_WEAKEST_DAMPING = 1e-3
+_STRONGEST_DAMPING = 1e6
+
+
+class Control(NamedTuple):
+    """How trackers count: standard deviations [m], [rad], and c of the Lorentzian."""
+
+    sigma_position: float
+    sigma_orientation: float
+    lorentzian: float
+
+
+@njit(cache=True)
+@no_type_check
+def tracker_errors(placed, observation, position, orientation):
+    """Write position errors [m] and orientation errors as world rotation vectors [rad]."""
+    back, turn = np.empty(4), np.empty(4)
+    for j in range(len(position)):
+        for i in range(3):
+            position[j, i] = placed.site_position[j, i] - observation.positions[j, i]
+        conjugate(observation.quaternions[j], back)
+        multiply(placed.site_orientation[j], back, turn)
+        logarithm(turn, orientation[j])
+
+
+@njit(cache=True, inline="always")
+@no_type_check
+def _squared(v):
+    return v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+
+
+@njit(cache=True)
+@no_type_check
+def tracker_energy(position, orientation, observation, control):
+    """The Lorentzian control energy of tracker errors."""
+    c = control.lorentzian
+    total = 0.0
+    for j in range(len(position)):
+        if observation.position_mask[j]:
+            total += c * log1p(_squared(position[j]) / (2.0 * c * control.sigma_position**2))
+        if observation.orientation_mask[j]:
+            total += c * log1p(_squared(orientation[j]) / (2.0 * c * control.sigma_orientation**2))
+    return total
+
+
+@njit(cache=True)
+@no_type_check
+def _prior_energy(belief, qpos, deviation, pull):
+    """Energy of the prior; writes the deviation from it and its gradient."""
+    difference(belief.qpos, qpos, deviation)
+    total = 0.0
+    offset = deviation - belief.mean
+    np.dot(belief.information, offset, pull)
+    for i in range(_TANGENT):
+        total += offset[i] * pull[i]
+    limits = belief.limits
+    for i in range(_TANGENT - 6):
+        angle = qpos[7 + i]
+        excess = max(angle - limits.high[i], 0.0) + min(angle - limits.low[i], 0.0)
+        total += (excess / limits.sigma) ** 2
+    return 0.5 * total
+
+
+@njit(cache=True)
+@no_type_check
+def _normal_equations(jacobian, errors, observation, control, belief, qpos, deviation, pull, H, g):
+    """Write Gauss-Newton Hessian (lower triangle) and gradient of the whole energy."""
+    position, orientation = errors
+    bend = np.empty((3, 3))
+    # The root's deviation is a rotation vector: d(log(a exp(d))) = J_l(log a)^-T d.
+    inverse_left_jacobian(deviation[3:6], bend)
+    H[:] = belief.information
+    g[:] = pull
+    for i in range(_TANGENT):
+        x, y, z = H[i, 3], H[i, 4], H[i, 5]
+        for k in range(3):
+            H[i, 3 + k] = x * bend[k, 0] + y * bend[k, 1] + z * bend[k, 2]
+    for i in range(_TANGENT):
+        x, y, z = H[3, i], H[4, i], H[5, i]
+        for k in range(3):
+            H[3 + k, i] = x * bend[k, 0] + y * bend[k, 1] + z * bend[k, 2]
+    x, y, z = pull[3], pull[4], pull[5]
+    for k in range(3):
+        g[3 + k] = x * bend[k, 0] + y * bend[k, 1] + z * bend[k, 2]
+    limits = belief.limits
+    stiffness = 1.0 / limits.sigma**2
+    for i in range(_TANGENT - 6):
+        angle = qpos[7 + i]
+        excess = max(angle - limits.high[i], 0.0) + min(angle - limits.low[i], 0.0)
+        if excess != 0.0:
+            g[6 + i] += stiffness * excess
+            H[6 + i, 6 + i] += stiffness
+    columns = np.empty(_TANGENT, np.int64)
+    for j in range(len(position)):
+        rows = jacobian[j]
+        count = 0
+        for k in range(_TANGENT):
+            if k < 6 or rows[3, k] != 0.0 or rows[4, k] != 0.0 or rows[5, k] != 0.0:
+                columns[count] = k
+                count += 1
+        if observation.position_mask[j]:
+            _add_rows(rows[:3], position[j], control.sigma_position, control, columns[:count], H, g)
+        if observation.orientation_mask[j]:
+            inverse_left_jacobian(orientation[j], bend)
+            for n in range(count):
+                k = columns[n]
+                x, y, z = rows[3, k], rows[4, k], rows[5, k]
+                for i in range(3):
+                    rows[3 + i, k] = bend[i, 0] * x + bend[i, 1] * y + bend[i, 2] * z
+            _add_rows(
+                rows[3:], orientation[j], control.sigma_orientation, control, columns[:count], H, g
+            )
+
+
+@njit(cache=True)
+@no_type_check
+def _add_rows(rows, error, sigma, control, columns, H, g):
+    """Add one tracker's three rows with their Lorentzian weight."""
+    t = _squared(error) / (2.0 * control.lorentzian * sigma**2)
+    weight = 1.0 / (sigma**2 * (1.0 + t))
+    for n in range(len(columns)):
+        a = columns[n]
+        x, y, z = weight * rows[0, a], weight * rows[1, a], weight * rows[2, a]
+        g[a] += x * error[0] + y * error[1] + z * error[2]
+        for m in range(n + 1):
+            b = columns[m]
+            H[a, b] += x * rows[0, b] + y * rows[1, b] + z * rows[2, b]
+
+
+@njit(cache=True)
+@no_type_check
+def factorize(H, damping, L):
+    """Cholesky factor of the lower triangle of H, its diagonal grown; False if there is none."""
+    n = len(H)
+    for i in range(n):
+        for j in range(i + 1):
+            total = H[i, j]
+            if i == j:
+                total *= 1.0 + damping
+            row_i, row_j = L[i], L[j]
+            for k in range(j):
+                total -= row_i[k] * row_j[k]
+            if i == j:
+                if not total > 0.0:
+                    return False
+                L[i, i] = np.sqrt(total)
+            else:
+                L[i, j] = total / L[j, j]
+    return True
+
+
+@njit(cache=True)
+@no_type_check
+def substitute(L, b, x):
+    """Solve L L^T x = b for a lower triangular L."""
+    n = len(b)
+    for i in range(n):
+        total = b[i]
+        for k in range(i):
+            total -= L[i, k] * x[k]
+        x[i] = total / L[i, i]
+    for i in range(n - 1, -1, -1):
+        total = x[i]
+        for k in range(i + 1, n):
+            total -= L[k, i] * x[k]
+        x[i] = total / L[i, i]
+
+
+@njit(cache=True)
+@no_type_check
+def energy_at(chain, observation, control, belief, qpos, placed, errors, deviation, pull):
+    """The energy of a pose; writes all that a linearization needs."""
+    place(chain, qpos, placed)
+    tracker_errors(placed, observation, errors[0], errors[1])
+    return tracker_energy(errors[0], errors[1], observation, control) + _prior_energy(
+        belief, qpos, deviation, pull
+    )
+
+
+@njit(cache=True)
+@no_type_check
+def minimize(chain, observation, control, belief, start, max_steps, tolerance, placed, errors):
+    """Minimize the energy from a start.
+
+    Args:
+        chain: the body.
+        observation: what the trackers say.
+        control: how they count.
+        belief: the prior.
+        start: pose to start from.
+        max_steps: cap of attempted steps.
+        tolerance: expected decrease of the energy that is not worth a step.
+        placed: written: where the result puts things.
+        errors: written: its position and orientation errors.
+
+    Returns:
+        The pose, its energy, the attempted steps, and the Hessian there (whole matrix).
+    """
+    qpos, trial = start.copy(), np.empty_like(start)
+    deviation, pull = np.empty(_TANGENT), np.empty(_TANGENT)
+    H, g = np.empty((_TANGENT, _TANGENT)), np.empty(_TANGENT)
+    L, step = np.zeros((_TANGENT, _TANGENT)), np.empty(_TANGENT)
+    jacobian = np.empty((len(chain.site_body), 6, _TANGENT))
+    energy = energy_at(chain, observation, control, belief, qpos, placed, errors, deviation, pull)
+    damping, steps, moved = 0.0, 0, True
+    while moved:
+        tracker_jacobian(chain, placed, jacobian)
+        _normal_equations(
+            jacobian, errors, observation, control, belief, qpos, deviation, pull, H, g
+        )
+        moved = False
+        while steps < max_steps and damping < _STRONGEST_DAMPING:
+            steps += 1
+            if not factorize(H, damping, L):
+                damping = max(10.0 * damping, _WEAKEST_DAMPING)
+                continue
+            substitute(L, -g, step)
+            expected = -0.5 * np.dot(g, step)
+            # Also false where something is not finite.
+            if not expected > tolerance:
+                break
+            integrate(qpos, step, trial)
+            lower = energy_at(
+                chain, observation, control, belief, trial, placed, errors, deviation, pull
+            )
+            if lower < energy:
+                qpos[:], energy, moved = trial, lower, True
+                damping = 0.1 * damping if damping > _WEAKEST_DAMPING else 0.0
+                break
+            energy_at(chain, observation, control, belief, qpos, placed, errors, deviation, pull)
+            damping = max(10.0 * damping, _WEAKEST_DAMPING)
+    for a in range(_TANGENT):
+        for b in range(a):
+            H[b, a] = H[a, b]
+    return qpos, energy, steps, H
+
+
+@njit(cache=True)
+@no_type_check
+def innovation_ratio(chain, observation, control, qpos, covariance, placed, errors):
+    """How much farther the trackers are from a prediction than it expects (squared).
+
+    For every measured position and orientation the squared Mahalanobis distance of its
+    innovation, and of these the median over its expected value (2.366, the median of
+    chi-squared with 3 degrees of freedom): near 1 for a true prediction, and deaf to a
+    minority of outliers. 0 where nothing is measured.
+    """
+    place(chain, qpos, placed)
+    position, orientation = errors
+    tracker_errors(placed, observation, position, orientation)
+    jacobian = np.empty((len(chain.site_body), 6, _TANGENT))
+    tracker_jacobian(chain, placed, jacobian)
+    found = np.empty(2 * len(position))
+    count = 0
+    for j in range(len(position)):
+        for kind in range(2):
+            if kind == 0 and not observation.position_mask[j]:
+                continue
+            if kind == 1 and not observation.orientation_mask[j]:
+                continue
+            sigma = control.sigma_position if kind == 0 else control.sigma_orientation
+            error = position[j] if kind == 0 else orientation[j]
+            rows = np.ascontiguousarray(jacobian[j, 3 * kind : 3 * kind + 3])
+            spread = rows @ covariance @ rows.T
+            for i in range(3):
+                spread[i, i] += sigma**2
+            found[count] = np.dot(error, np.linalg.solve(spread, error))
+            count += 1
+    return np.median(found[:count]) / 2.366 if count else 0.0

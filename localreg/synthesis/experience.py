@@ -1,0 +1,281 @@
+"""What the database teaches about its own predictions: how far to trust them, and when.
+
+A regression's own residuals say little about motion that the database lacks: neighbours
+from one clip agree with each other and not with the stranger. So poses of the database are
+predicted as if their clip, with all its copies, were missing. Of these predictions are
+learned, once for an estimator:
+
+* the ridge of every output: what the trackers fix needs little, a foot beyond the last
+  tracker leans on the mean of its neighbours;
+* how errors, with all their correlations, grow with the distance of the neighbours, which
+  is what makes a prior modest on unfamiliar motion and firm on familiar one;
+* how far reconstructed joint angles are off once the trackers have been heard, which is the
+  noise of the inputs that past poses are.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from numpy import ndarray
+
+from localreg.body.chain import Chain, blank_placed, place, tracker_jacobian
+from localreg.body.skeleton import DOF_COUNT, TANGENT_SIZE
+from localreg.database.neighbours import Neighbours, Query, nearest
+from localreg.synthesis.examples import ExampleSource
+from localreg.synthesis.local_fit import LocalFit, kernel_weights, within_reach
+from localreg.synthesis.settings import Settings
+from localreg.synthesis.windows import Inputs, all_steps, pose_inputs, step_inputs
+
+POSE_RIDGES: Final = np.array([1.0, 3.0, 10.0, 30.0, 100.0, 300.0])
+"""Ridges that outputs of the pose regression choose from."""
+
+STEP_RIDGES: Final = np.array([1.0, 10.0, 100.0, 1000.0])
+"""Ridges that outputs of the step regression choose from."""
+
+NEAR: Final = 0.1
+"""The neighbour at this share of K tells how far the neighbours are."""
+
+_NEAREST: Final = 0.05  # squared distances below this are not told apart
+_BATCH: Final = 32  # queries of one matrix product
+_FIRST_LOOK: Final = 100  # predictions that the noise of past poses is first learned from
+_LASTING: Final = 0.7  # share of that noise that stays from pose to pose ...
+_PASSING: Final = 0.15  # ... and share that does not
+_LEAST_NOISE: Final = np.radians(0.5)
+
+
+class Rehearsal(NamedTuple):
+    """Predictions of database poses without their own clip, Q of them.
+
+    Attributes:
+        squared_distance: of the neighbour at `NEAR`.
+        feature_share: squared distance of that neighbour along each feature column.
+        history_share: the same along each lag of the past.
+        pose_errors: with each ridge of `POSE_RIDGES` [rad].
+        step_errors: with each ridge of `STEP_RIDGES`.
+    """
+
+    squared_distance: Float[ndarray, " Q"]
+    feature_share: Float[ndarray, "Q f"]
+    history_share: Float[ndarray, "Q m"]
+    pose_errors: Float[ndarray, "Q r 56"]
+    step_errors: Float[ndarray, "Q s 62"]
+
+
+@dataclass(frozen=True, eq=False)
+class Experience:
+    """What has been learned, and the regressions' inputs and outputs that go with it.
+
+    Attributes:
+        pose: inputs of the pose regression.
+        step: inputs of the step regression.
+        steps: the step into every pose.
+        pose_ridge: which of `POSE_RIDGES` each joint angle takes.
+        step_ridge: which of `STEP_RIDGES` each tangent coordinate takes.
+        pose_growth: covariance of the pose's errors per squared distance [rad^2].
+        step_growth: covariance of the step's errors per squared distance; root translation
+            in the root's axes.
+        usual: the squared distance that nine in ten database poses keep from their
+            neighbours.
+        feature_share: what each feature column adds to a squared distance on average.
+        history_share: the same of each lag of the past.
+    """
+
+    pose: Inputs
+    step: Inputs
+    steps: Float[ndarray, "N 62"]
+    pose_ridge: Int[ndarray, "56"]
+    step_ridge: Int[ndarray, "62"]
+    pose_growth: Float[ndarray, "56 56"]
+    step_growth: Float[ndarray, "62 62"]
+    usual: float
+    feature_share: Float[ndarray, " f"]
+    history_share: Float[ndarray, " m"]
+
+    def whole_distance(
+        self,
+        squared_distance: float,
+        history_valid: Bool[ndarray, " m"],
+        feature_valid: Bool[ndarray, " f"],
+    ) -> float:
+        """A squared distance as if everything had been known that a query may hold."""
+        known = self.feature_share @ feature_valid + self.history_share @ history_valid
+        whole = self.feature_share.sum() + self.history_share.sum()
+        return squared_distance * whole / known if known > 0.0 else np.inf
+
+
+def learn(
+    source: ExampleSource,
+    settings: Settings,
+    feature_noise: Float[ndarray, " f"],
+    chain: Chain,
+) -> Experience:
+    """Rehearse on the database that a source may use."""
+    database, targets = source.database, source.targets
+    transitions = all_steps(database, targets)
+    step = step_inputs(
+        database, targets, settings.history, settings.step_noise, settings.components
+    )
+    angle_noise = np.full(DOF_COUNT, settings.history_noise)
+    rows = _spread(source, settings.rehearsals)
+    for look in (rows[:: max(1, len(rows) // _FIRST_LOOK)], rows):
+        noise = np.concatenate([np.tile(angle_noise, settings.history), feature_noise])
+        pose = pose_inputs(
+            database, source.features, targets, settings.history, noise, settings.components
+        )
+        found = _rehearse(source, settings, look, angle_noise, pose, step, transitions)
+        familiar = 1.0 / np.maximum(found.squared_distance, _NEAREST)
+        pose_ridge = _best_ridge(found.pose_errors, familiar)
+        pose_errors = found.pose_errors[:, pose_ridge, np.arange(DOF_COUNT)]
+        if look is not rows:
+            spread = pose_errors.T @ pose_errors / len(look)
+            angle_noise = _heard(spread, chain, source, look, settings)
+    step_ridge = _best_ridge(found.step_errors, familiar)
+    step_errors = found.step_errors[:, step_ridge, np.arange(TANGENT_SIZE)]
+    return Experience(
+        pose=pose,
+        step=step,
+        steps=transitions,
+        pose_ridge=pose_ridge,
+        step_ridge=step_ridge,
+        pose_growth=(pose_errors * familiar[:, None]).T @ pose_errors / len(rows),
+        step_growth=(step_errors * familiar[:, None]).T @ step_errors / len(rows),
+        usual=float(np.quantile(found.squared_distance, 0.9)),
+        feature_share=found.feature_share.mean(axis=0),
+        history_share=found.history_share.mean(axis=0),
+    )
+
+
+def _spread(source: ExampleSource, count: int) -> Int[ndarray, " Q"]:
+    """Rows to rehearse on, evenly from all clips."""
+    rows = np.flatnonzero(source.targets)
+    return rows[np.unique(np.linspace(0, len(rows) - 1, count).astype(int))]
+
+
+def _best_ridge(
+    errors: Float[ndarray, "Q r d"], familiar: Float[ndarray, " Q"]
+) -> Int[ndarray, " d"]:
+    """The ridge of least weighted squared error, for every output."""
+    return np.argmin(np.einsum("q,qrd->rd", familiar, np.square(errors)), axis=0)
+
+
+def _rehearse(
+    source: ExampleSource,
+    settings: Settings,
+    rows: Int[ndarray, " Q"],
+    angle_noise: Float[ndarray, "56"],
+    pose: Inputs,
+    step: Inputs,
+    transitions: Float[ndarray, "N 62"],
+) -> Rehearsal:
+    """Predict each row from the database without its own clip and that clip's copies."""
+    database = source.database
+    groups = np.array([clip.group for clip in database.clips])[database.clip_index]
+    feature_noise = pose.noise[settings.history * DOF_COUNT :]
+    rng = np.random.default_rng(0)
+    found: list[tuple[Any, ...]] = []
+    for batch in _batches(rows):
+        shape = (len(batch), 1, DOF_COUNT)
+        past = database.histories(batch, settings.history).astype(float)
+        past += angle_noise * (
+            _LASTING * rng.normal(size=shape) + _PASSING * rng.normal(size=past.shape)
+        )
+        features = source.features[batch] + 0.5 * feature_noise * rng.normal(
+            size=(len(batch), len(feature_noise))
+        )
+        known = np.ones(settings.history, dtype=bool), np.ones(len(feature_noise), dtype=bool)
+        queries = [
+            Query(history, known[0], feature, known[1])
+            for history, feature in zip(past, features, strict=True)
+        ]
+        for row, query, squared in zip(
+            map(int, batch), queries, source.search.squared_distances(queries), strict=True
+        ):
+            squared[groups == groups[row]] = np.inf
+            available = min(settings.neighbours, int(np.isfinite(squared).sum()))
+            if available <= int(NEAR * settings.neighbours):
+                continue
+            near = nearest(squared, available, available)
+            found.append(_predict(source, settings, row, query, near, pose, step, transitions))
+    if not found:
+        return _nothing(settings, len(feature_noise))
+    return Rehearsal(*map(np.array, zip(*found, strict=True)))
+
+
+def _predict(
+    source: ExampleSource,
+    settings: Settings,
+    row: int,
+    query: Query,
+    near: Neighbours,
+    pose: Inputs,
+    step: Inputs,
+    transitions: Float[ndarray, "N 62"],
+) -> tuple[Any, ...]:
+    """One row's entries of a `Rehearsal`."""
+    database = source.database
+    rows, squared = near
+    weights = kernel_weights(squared)
+    raw = query.history.ravel()
+    known = np.ones(len(pose.noise), dtype=bool)
+    x = pose.reduce(np.concatenate([raw, query.features]), known)
+    X = pose.reduced[rows].astype(float)
+    fit = LocalFit(X, database.angles[rows].astype(float), weights, within_reach(X, weights, x))
+    errors = database.angles[row] - fit.predictions(POSE_RIDGES)
+    # The past before a step is known better than its share of lasting noise says.
+    past = database.histories(np.array([row]), settings.history)[0].ravel().astype(float)
+    s = step.reduce(past, known[: len(past)])
+    S = step.reduced[rows].astype(float)
+    fit = LocalFit(S, transitions[rows].astype(float), weights, within_reach(S, weights, s))
+    step_errors = transitions[row] - fit.predictions(STEP_RIDGES)
+    middle = rows[int(NEAR * settings.neighbours)]
+    apart = database.angles[middle - np.arange(1, settings.history + 1)] - query.history
+    metric = source.metric
+    return (
+        squared[int(NEAR * settings.neighbours)],
+        np.square(metric.features * (source.features[middle] - query.features)),
+        np.square(metric.history) * np.square(apart).sum(axis=1),
+        errors - 2.0 * np.pi * np.round(errors / (2.0 * np.pi)),
+        step_errors,
+    )
+
+
+def _nothing(settings: Settings, features: int) -> Rehearsal:
+    """For a database of a single motion: nothing is familiar, and errors are large."""
+    return Rehearsal(
+        np.ones(1),
+        np.ones((1, features)),
+        np.ones((1, settings.history)),
+        np.full((1, len(POSE_RIDGES), DOF_COUNT), np.radians(10.0)),
+        np.full((1, len(STEP_RIDGES), TANGENT_SIZE), np.radians(1.0)),
+    )
+
+
+def _heard(
+    spread: Float[ndarray, "56 56"],
+    chain: Chain,
+    source: ExampleSource,
+    rows: Int[ndarray, " Q"],
+    settings: Settings,
+) -> Float[ndarray, "56"]:
+    """What joint angles are off by once prediction errors have met the trackers [rad]."""
+    placed = blank_placed(chain)
+    jacobian = np.empty((len(chain.site_body), 6, TANGENT_SIZE))
+    sigma = np.repeat([settings.sigma_position, settings.sigma_orientation], 3)
+    prior = np.zeros((TANGENT_SIZE, TANGENT_SIZE))
+    prior[:6, :6] = np.eye(6)
+    prior[6:, 6:] = np.linalg.inv(spread + np.radians(0.5) ** 2 * np.eye(DOF_COUNT))
+    variances = []
+    for row in rows[:: max(1, len(rows) // 20)]:
+        qpos = np.concatenate([source.database.roots[row], source.database.angles[row]])
+        place(chain, qpos.astype(float), placed)
+        tracker_jacobian(chain, placed, jacobian)
+        whitened = (jacobian / sigma[:, None]).reshape(-1, TANGENT_SIZE)
+        variances.append(np.diagonal(np.linalg.inv(prior + whitened.T @ whitened))[6:])
+    return np.maximum(np.sqrt(np.mean(variances, axis=0)), _LEAST_NOISE)
+
+
+def _batches(rows: Int[ndarray, " Q"]) -> Iterator[Int[ndarray, " q"]]:
+    return (rows[begin : begin + _BATCH] for begin in range(0, len(rows), _BATCH))

@@ -1,0 +1,122 @@
+"""Priors in the form that papers give them: examples in, energy terms out, traced by JAX.
+
+`FromTerms` makes a prior of them that the synthesizer can use. An example is a database
+pose (the target) with its m predecessors and what the trackers would have said.
+"""
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from localreg.database.neighbours import Query
+from localreg.numerics import host_arrays
+from localreg.synthesis.belief import belief_of_terms
+from localreg.synthesis.energy import Gaussian, Term
+from localreg.synthesis.examples import Examples, ExampleSource
+from localreg.synthesis.prior import Acquisition, Expectation, Prior
+from localreg.synthesis.state import State
+
+
+class Question(NamedTuple):
+    """The JAX side of `localreg.database.neighbours.Query`: same fields, same shapes."""
+
+    history: Float[Array, "m 56"]
+    history_valid: Bool[Array, " m"]
+    features: Float[Array, " f"]
+    feature_valid: Bool[Array, " f"]
+
+
+class Prediction(NamedTuple):
+    """What a prior made of energy terms says of the present frame.
+
+    Attributes:
+        qpos: the expected pose, from which the solver starts.
+        terms: the prior's share of the energy.
+    """
+
+    qpos: Float[Array, "63"]
+    terms: tuple[Term, ...]
+
+
+class Candidates(NamedTuple):
+    """Where a prior made of energy terms looks for a pose from nothing.
+
+    Attributes:
+        starts: joint angles to start from, S of them [rad].
+        gaussian: the prior over joint angles without a past.
+    """
+
+    starts: Float[Array, "S 56"]
+    gaussian: Gaussian
+
+
+class TermPrior(eqx.Module):
+    """A prior in the form that papers give it: examples in, energy terms out."""
+
+    @abstractmethod
+    def predict(self, examples: Examples, question: Question, state: State) -> Prediction:
+        """Predict the present frame from the past."""
+
+    @abstractmethod
+    def acquire(self, examples: Examples, question: Question) -> Candidates:
+        """Say where to look when there is no past."""
+
+
+@dataclass(frozen=True, eq=False)
+class FromTerms(Prior):
+    """A prior made of energy terms, over a source of examples.
+
+    Attributes:
+        prior: the terms.
+        source: where examples come from; None for methods without a database.
+    """
+
+    prior: TermPrior
+    source: ExampleSource | None
+
+    def expect(self, query: Query, state: State) -> Expectation:
+        """The terms' sum as one belief."""
+        examples = self._examples(query)
+        prediction = _predict(
+            self.prior, examples, Question(*host_arrays(*query)), state._replace(lost=0, drift=None)
+        )
+        belief = belief_of_terms(np.asarray(prediction.qpos), prediction.terms)
+        return Expectation(belief, confidence=float("nan") if self.source is None else 1.0)
+
+    def acquire(self, query: Query) -> Acquisition:
+        """The candidates, on the host."""
+        examples = self._examples(query)
+        found = _acquire(self.prior, examples, Question(*host_arrays(*query)))
+        whitening = np.asarray(found.gaussian.whitening)
+        return Acquisition(
+            np.asarray(found.starts), np.asarray(found.gaussian.mean), whitening.T @ whitening
+        )
+
+    def _examples(self, query: Query) -> Examples:
+        return NO_EXAMPLES if self.source is None else self.source.find(query)
+
+
+@jax.jit
+def _predict(prior: TermPrior, examples: Examples, question: Question, state: State) -> Prediction:
+    return prior.predict(_doubles(examples), question, state)
+
+
+@jax.jit
+def _acquire(prior: TermPrior, examples: Examples, question: Question) -> Candidates:
+    return prior.acquire(_doubles(examples), question)
+
+
+def _doubles(examples: Examples) -> Examples:
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype=float), examples)
+
+
+NO_EXAMPLES: Final = Examples(
+    *host_arrays(np.zeros((0, 1, 56)), np.zeros((0, 2, 7)), np.zeros((0, 0)), np.zeros(0))
+)
+"""What methods without a database are given."""
