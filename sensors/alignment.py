@@ -3,7 +3,8 @@
 The person stands upright and still where the origin shall be, facing what shall be forward,
 arms hanging. Left and right trackers then span the left-right axis, the ankle trackers tell
 the floor, the reference tracker the origin. In the room z is up, the floor is z = 0, and
-forward is -y (so that the person's left is +x).
+forward is +x unless the settings say otherwise (the IS-900's north, Unity's forward; the
+person's left is +y).
 """
 
 import math
@@ -21,7 +22,6 @@ from sensors.pose import TrackerFrame
 from sensors.settings import Settings
 
 _MIN_FRAMES = 3
-_FACING = math.radians(-90.0)
 _DISAGREEMENT = math.radians(60.0)
 
 
@@ -40,6 +40,7 @@ class AlignmentConfig(Settings):
         ankle_height: of the ankle trackers above the floor, standing [m].
         origin: the tracker above the origin; by default `torso` if there is one, else the
             middle of all.
+        heading: of forward in the room, counterclockwise from +x [deg]; -90 is -y.
         max_motion: a tracker that moves farther from its middle was not standing [m].
     """
 
@@ -47,6 +48,7 @@ class AlignmentConfig(Settings):
     floor: Literal["ankles", "keep"] = "ankles"
     ankle_height: float = Field(default=0.08, ge=0.0, le=0.5)
     origin: str = ""
+    heading: float = Field(default=0.0, ge=-360.0, le=360.0)
     max_motion: float = Field(default=0.05, gt=0.0)
 
 
@@ -89,9 +91,9 @@ def align(
     places, motion = _standing(frames, trackers, config.max_motion)
     pairs = _pairs(trackers, config)
     facing, warnings = _facing(places, pairs)
-    if facing is None:
-        facing = _FACING - math.radians(before.yaw if before else 0.0)
-    yaw = math.remainder(_FACING - facing, 2.0 * math.pi)
+    yaw = math.radians(before.yaw if before else 0.0)
+    if facing is not None:
+        yaw = math.remainder(math.radians(config.heading) - facing, 2.0 * math.pi)
     c, s = math.cos(yaw), math.sin(yaw)
     center = _center(places, config.origin)
     x, y = float(center[0]), float(center[1])
