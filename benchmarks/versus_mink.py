@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, cast
 
 import numpy as np
 import typer
@@ -48,7 +48,9 @@ from localreg.evaluation.summaries import badness, to_json
 from localreg.evaluation.trackers import simulate_trackers
 from localreg.evaluation.worker import Worker
 from localreg.motion.motion import Motion
+from localreg.synthesis.baselines import InverseKinematics
 from localreg.synthesis.methods import build_estimator
+from localreg.synthesis.term_prior import FromTerms
 
 TUNED = MinkSettings()
 """What `--tune` found best on the sample set's tuning clips (5.47 degrees over both starts; with
@@ -124,7 +126,8 @@ def mink_results(trial: Trial, protocol: Protocol, settings: MinkSettings) -> li
 
 def mink_estimator(motion: Motion, settings: MinkSettings) -> MinkEstimator:
     """mink with the starts of our own inverse kinematics."""
-    starts = np.array(build_estimator("ik", motion.subject).prior.starts)  # type: ignore[attr-defined]
+    prior = cast("FromTerms", build_estimator("ik", motion.subject).prior).prior
+    starts = np.asarray(cast("InverseKinematics", prior).starts)
     return MinkEstimator(motion.subject, motion.rate, starts, settings)
 
 
