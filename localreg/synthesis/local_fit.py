@@ -4,14 +4,13 @@ Inputs X (K x n), outputs Y (K x d), weights (K,), the present input x (n,), all
 a few matrix products of hundreds of rows, which BLAS does faster than anything compiled here.
 """
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray
 
-from localreg.numerics import scipy_linalg
+from localreg import numerics as numerics
 
 _LARGEST_LEVERAGE = 0.95  # a lone far example may own its fit; keeps its residual finite
 
@@ -52,11 +51,12 @@ def within_reach(
 
 
 class LocalFit:
-    """Weighted normal equations that several ridges share.
+    """Weighted ridge regressions of several outputs on the same examples.
 
     With inputs measured in units of their own noise a unit ridge is the errors-in-variables
     solution: an input is believed as far as its spread among the neighbours exceeds its
-    noise. A larger ridge leans more on the examples' mean.
+    noise. A larger ridge leans more on the examples' mean. The weighted covariance of the
+    inputs is diagonalized once, after which a ridge is one addition to its eigenvalues.
     """
 
     def __init__(
@@ -66,23 +66,21 @@ class LocalFit:
         weights: Float[ndarray, " K"],
         x: Float[ndarray, " n"],
     ) -> None:
-        self._total = weights.sum()
-        center = weights @ X / self._total
-        self._mean = weights @ Y / self._total
-        self._weights = weights
-        self._X, self._Y, self._x = X - center, Y - self._mean, x - center
-        weighted = self._X * weights[:, None]
-        self._gram = self._X.T @ weighted
-        self._moment = weighted.T @ self._Y
+        total = weights.sum()
+        shares = weights / total
+        center = shares @ X
+        self._mean = shares @ Y
+        self._shares, self._Y = shares, Y - self._mean
+        centered = X - center
+        weighted = centered * shares[:, None]
+        values, vectors = np.linalg.eigh(centered.T @ weighted)
+        self._values = np.maximum(values, 0.0)
+        self._X, self._x = centered @ vectors, (x - center) @ vectors
+        self._moment = vectors.T @ (weighted.T @ self._Y)
 
     def predictions(self, ridges: Float[ndarray, " r"]) -> Float[ndarray, "r d"]:
         """All outputs with each of some ridges."""
-        return np.array(
-            [
-                self._mean + self._x @ scipy_linalg.cho_solve(factor, self._moment)
-                for factor in map(self._factor, ridges)
-            ]
-        )
+        return self._mean + (self._x / (self._values + ridges[:, None])) @ self._moment
 
     def normal(self, ridges: Float[ndarray, " r"], choice: Int[ndarray, " d"]) -> Normal:
         """The prediction with its leave-one-out covariance, every output with its own ridge.
@@ -98,31 +96,10 @@ class LocalFit:
             ridges: to choose from.
             choice: which of them each output takes.
         """
-        mean, residuals = self._mean.copy(), np.empty_like(self._Y)
-        slopes = np.empty((self._X.shape[1], len(mean)))
-        for ridge, columns in _by_ridge(ridges, choice):
-            factor = self._factor(ridge)
-            B = scipy_linalg.cho_solve(factor, self._moment[:, columns], check_finite=False)
-            half = scipy_linalg.solve_triangular(
-                factor[0], self._X.T, lower=True, check_finite=False
-            )
-            leverage = self._weights * (1.0 / self._total + np.einsum("nk,nk->k", half, half))
-            kept = np.maximum(1.0 - leverage, 1.0 - _LARGEST_LEVERAGE)
-            residuals[:, columns] = (self._Y[:, columns] - self._X @ B) / kept[:, None]
-            slopes[:, columns] = B
-            mean[columns] += self._x @ B
-        residuals *= np.sqrt(self._weights / self._total)[:, None]
-        return Normal(mean, residuals.T @ residuals + slopes.T @ slopes)
-
-    def _factor(self, ridge: float) -> tuple[Float[ndarray, "n n"], bool]:
-        normal = self._gram.copy()
-        normal.flat[:: len(normal) + 1] += ridge * self._total
-        return scipy_linalg.cholesky(normal, lower=True, check_finite=False), True
-
-
-def _by_ridge(
-    ridges: Float[ndarray, " r"], choice: Int[ndarray, " d"]
-) -> Iterator[tuple[float, Int[ndarray, " c"]]]:
-    """Every ridge that is chosen, and the outputs that take it."""
-    for number in np.unique(choice):
-        yield float(ridges[number]), np.flatnonzero(choice == number)
+        slopes = self._moment / (self._values[:, None] + ridges[choice])
+        spread = np.square(self._X) @ (1.0 / (self._values[:, None] + ridges))
+        kept = np.maximum(1.0 - self._shares[:, None] * (1.0 + spread), 1.0 - _LARGEST_LEVERAGE)
+        residuals = (self._Y - self._X @ slopes) * (
+            np.sqrt(self._shares)[:, None] / kept[:, choice]
+        )
+        return Normal(self._mean + self._x @ slopes, residuals.T @ residuals + slopes.T @ slopes)
