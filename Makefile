@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 SOURCES := localreg sensors calibration benchmarks tests
 
-.PHONY: help demo test check format lock clean
+.PHONY: help demo test check format lock fuzz clean
 .DEFAULT_GOAL := help
 
 help:  ## show this list
@@ -31,6 +31,9 @@ lock: $(BIN)/uv  ## pin every dependency again, names, versions and hashes only
 	  --universal --generate-hashes --no-header -q -o requirements.lock
 	$(BIN)/uv pip compile pyproject.toml --all-extras --group dev -c requirements.lock \
 	  --universal --generate-hashes --no-header -q -o requirements-dev.lock
+
+fuzz: .venv/.develop  ## a million mutilated inputs for everything that reads bytes (ten minutes)
+	$(BIN)/python -m tests.sensors.fuzzing --inputs 1000000 $(ARGS)
 
 clean:  ## remove the environment and every cache
 	rm -rf .venv .pytest_cache .ruff_cache .hypothesis .import_linter_cache

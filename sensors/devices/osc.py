@@ -32,6 +32,8 @@ VMC_PORT = 39539
 VRCHAT_PORT = 9000
 
 _MAX_COORDINATE = 100.0
+# Several turns are odd but harmless; beyond that sine and cosine lose their digits.
+_MAX_ANGLE = 3600.0
 _MAX_PENDING = 64
 # Position and rotation of one VRChat report come together, or the pair is not one.
 _PAIR_WINDOW = 0.05
@@ -144,6 +146,8 @@ class OscDecoder(Decoder):
         x, y, z = _numbers(message.arguments, 3)
         if part == "position":
             value = _place(x, y, z)
+        elif max(abs(x), abs(y), abs(z)) > _MAX_ANGLE:
+            raise MalformedRecordError("angles that cannot be")
         else:
             value = _orient(unity.euler_to_quaternion(np.radians(np.array([x, y, z]))))
         other = self._pending.pop(station, None)
