@@ -54,6 +54,8 @@ class LiveCounters:
         frames: instants that were due.
         late_frames: poses that came too late or, like `missing_frames`, never.
         missing_frames: instants for which no pose was published.
+        passed_frames: of the missing ones, those that came but were passed over for newer
+            ones, because the loop was behind.
         held_frames: published, but an earlier pose, because the frame could not be solved.
         blind_frames: frames in which not one tracker was measured.
         failed_frames: frames that the estimator gave up on.
@@ -69,6 +71,7 @@ class LiveCounters:
     frames: int = 0
     late_frames: int = 0
     missing_frames: int = 0
+    passed_frames: int = 0
     held_frames: int = 0
     blind_frames: int = 0
     failed_frames: int = 0

@@ -71,6 +71,7 @@ class Health:
             "late_frames": counters.late_frames,
             "late_percent": 100.0 * counters.late_frames / max(1, counters.frames),
             "missing_frames": counters.missing_frames,
+            "passed_frames": counters.passed_frames,
             "held_frames": counters.held_frames,
             "blind_frames": counters.blind_frames,
             "failed_frames": counters.failed_frames,

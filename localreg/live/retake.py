@@ -16,13 +16,14 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from localreg.body.skeleton import DOF_COUNT
 from localreg.body.subject import Subject
 from localreg.errors import LocalregError
 from localreg.live.performance import Performance
 from localreg.live.performance_config import PerformanceConfig
 from localreg.live.sinks import Collector, LivePose
 from localreg.live.smooth import smooth
-from localreg.live.take import Take
+from localreg.live.take import PASSED_OVER, Take
 from localreg.motion.motion import Motion, Provenance
 from localreg.synthesis.estimator import AnyEstimator
 from sensors.assembler import AssembledFrame
@@ -85,8 +86,8 @@ def solve_again(
         frames: as they were closed.
         estimator: whose poses.
         config: when to step, when to hold.
-        searches: how the search for a body stood at each frame where there was one; None
-            lets every body be found at once.
+        searches: as in a `Take`, to repeat a run exactly; None lets every frame be solved
+            and every body be found at once.
         count: about how many frames there are, for the progress.
         progress: is told how many frames are done.
     """
@@ -102,13 +103,15 @@ def solve_again(
         if len(collected) == count:
             break
         index = assembled.index
+        if searches is not None and searches.get(index) == PASSED_OVER:
+            continue
         outcome = performance.take(assembled.frame)
         if outcome is not None:
             collected.publish(LivePose(index, assembled.frame, *outcome))
             sigmas.append(np.asarray(outcome.pose.predicted_sigma, dtype=float))
         if progress is not None:
             progress(done + 1, max(count, done + 1), "")
-    return Retake(collected, np.array(sigmas).reshape(len(sigmas), -1))
+    return Retake(collected, np.array(sigmas).reshape(len(sigmas), DOF_COUNT))
 
 
 def largest_difference(take: Take, retake: Retake) -> float:

@@ -7,6 +7,9 @@ grows with time.
 A frame is late when its pose reaches the sinks more than one period after its instant plus
 the assembler's delay, or never. Latency counts from the last byte of the frame's newest
 sample to the moment the last sink has the pose.
+
+On a machine that is too slow for a while frames queue up. Up to `_MOST_BEHIND` they are all
+solved, for then the loop catches up with a hiccup unseen; beyond it the newest wins.
 """
 
 import contextlib
@@ -31,6 +34,9 @@ from sensors.stream import FrameStream
 _POLL = 0.05
 """How often the loop looks whether it is to stop, when no frames come [s]."""
 
+_MOST_BEHIND = 0.15
+"""Age, beyond the buffer, at which a frame is passed over if a newer one waits [s]."""
+
 _STEP_SHARE = 0.4
 """Share of a period that is kept for the step itself when a body is waited for."""
 
@@ -50,6 +56,9 @@ class FrameLog(Protocol):
             search: how the search for a body stood.
             live: what is going to be published, before it is placed; None for nothing.
         """
+
+    def passed_over(self, assembled: AssembledFrame) -> None:
+        """A frame was not taken, because the loop was behind and a newer one waited."""
 
 
 class Session:
@@ -160,7 +169,7 @@ class Session:
         period = self._stream.assembler.period
         while not self._stop.is_set():
             self.turns += 1
-            assembled = self._stream.next(_POLL)
+            assembled = self._next()
             if assembled is None:
                 if self._now() > end + self.buffer + period:
                     return True
@@ -171,6 +180,18 @@ class Session:
                 self._take(assembled, start)
                 self._idle()
         return False
+
+    def _next(self) -> AssembledFrame | None:
+        """The next frame to take; None if there is none for a while."""
+        assembled = self._stream.next(_POLL)
+        if assembled is None or self._now() - assembled.frame.time <= self.buffer + _MOST_BEHIND:
+            return assembled
+        while (newer := self._stream.next(0.0)) is not None:
+            self.counters.passed_frames += 1
+            if self._log is not None:
+                self._log.passed_over(assembled)
+            assembled = newer
+        return assembled
 
     def _take(self, assembled: AssembledFrame, start: float) -> None:
         frame, counters = assembled.frame, self.counters

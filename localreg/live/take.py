@@ -5,7 +5,8 @@ With the ones here a take can be repeated from its raw bytes to the last bit, or
 with other settings:
 
 - `/take`: method, settings, subject, database, versions; once, at the beginning;
-- `/search`: frames at which a body was being found, which depends on the clock;
+- `/search`: frames at which a body was being found, and frames that were passed over:
+  what depended on the clock;
 - `/poses`: what the estimator said, before any re-centring;
 - `/placement`: from which frame on poses were published elsewhere.
 """
@@ -21,6 +22,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from localreg.body.skeleton import QPOS_SIZE
 from localreg.body.subject import Subject, read_subject, write_subject
 from localreg.errors import LocalregError
 from localreg.evaluation.results import program_version
@@ -39,6 +41,9 @@ SEARCH: Final = "/search"
 POSES: Final = "/poses"
 PLACEMENT: Final = "/placement"
 
+PASSED_OVER: Final = "passed over"
+"""What `/search` says of a frame that was not taken, for the loop was behind."""
+
 VERSION: Final = 1
 """Version of the layout of these channels."""
 
@@ -53,7 +58,10 @@ _TAKE_SCHEMA: Final = object_schema(
     settings=_OBJECT, performance=_OBJECT, subject=_TEXT, database=_OBJECT,
 )  # fmt: skip
 _SEARCH_SCHEMA: Final = object_schema(
-    "localreg.Search", "How the search for the body stood.", index=_INTEGER, search=_TEXT
+    "localreg.Search",
+    "How the search for the body stood, or that the frame was passed over.",
+    index=_INTEGER,
+    search=_TEXT,
 )
 _POSE_SCHEMA: Final = object_schema(
     "localreg.Pose",
@@ -125,6 +133,11 @@ class TakeRecorder:
         }
         self._poses.write(message, when)
 
+    def passed_over(self, assembled: AssembledFrame) -> None:
+        """Record that a frame was not taken."""
+        message = {"index": assembled.index, "search": PASSED_OVER}
+        self._search.write(message, assembled.frame.time)
+
     def placed(self, live: LivePose, transform: RoomTransform) -> None:
         """Record that poses are published elsewhere from this frame on."""
         message = {
@@ -146,7 +159,8 @@ class Take:
         performance: when to step, when to hold.
         subject: whose body, wearing the trackers of the frames.
         database: identity, source, poses and rate of the database.
-        searches: how the search stood at the frames where there was one, by index.
+        searches: how the search stood at the frames where there was one, by index; or that
+            a frame was passed over.
         placements: transforms that poses were published with, by index of the first frame.
         frames: how many frames were closed.
         indices: of the recorded poses.
@@ -202,7 +216,6 @@ class Take:
             raise LocalregError(
                 f"{path} is of version {document['version']}; this program reads {VERSION}"
             )
-        qpos = np.array(rows, dtype=float).reshape(len(rows), -1)
         return cls(
             program=document["program"],
             method=document["method"],
@@ -214,7 +227,7 @@ class Take:
             placements=placements,
             frames=frames,
             indices=tuple(indices),
-            qpos=qpos if rows else np.zeros((0, 63)),
+            qpos=np.array(rows, dtype=float).reshape(len(rows), QPOS_SIZE),
         )
 
     def placement(self, index: int) -> RoomTransform | None:

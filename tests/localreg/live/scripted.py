@@ -87,6 +87,8 @@ class ScriptedStream(FrameStream):
         if not self._frames:
             self._clock.now += timeout
             return None
+        if timeout <= 0.0 and self._frames[0].closed_at > self._clock.now:
+            return None
         assembled = self._frames.pop(0)
         self._clock.pass_until(assembled.closed_at)
         return assembled

@@ -90,6 +90,38 @@ def test_one_slow_frame_makes_those_late_that_wait_behind_it():
     assert session.counters.late_frames == late
 
 
+def test_a_hiccup_is_caught_up_with_and_no_frame_is_left_out():
+    clock = Clock()
+    costs = dict.fromkeys(range(20), PERIOD / 5) | {2: 0.14}
+    session, listener = run(
+        (arrived(n, lag=0.0) for n in range(20)),
+        clock=clock,
+        estimator=ScriptedEstimator(clock, costs=costs),
+    )
+    assert listener.shown == list(range(20))
+    assert session.counters.passed_frames == 0
+
+
+@pytest.mark.parametrize("slowness", [1.2, 3.0, 20.0])
+def test_on_a_slow_machine_the_newest_frame_wins(slowness):
+    clock = Clock()
+    costs = dict.fromkeys(range(400), slowness * PERIOD)
+    session, listener = run(
+        (arrived(n, lag=0.0) for n in range(400)),
+        clock=clock,
+        estimator=ScriptedEstimator(clock, costs=costs),
+    )
+    shown = listener.shown
+    assert shown == sorted(set(shown))
+    assert len(shown) == pytest.approx(400 / slowness, rel=0.1)
+    counters = session.counters
+    assert counters.frames == shown[-1] + 1
+    assert 0 < counters.passed_frames == counters.missing_frames
+    # However long it goes on, nothing gets older than this.
+    oldest = 0.15 + DELAY + PERIOD + slowness * PERIOD
+    assert counters.latency.percentile(100.0) < oldest
+
+
 def test_latency_counts_from_the_newest_sample():
     clock = Clock()
     costs = dict.fromkeys(range(8), 0.003)
