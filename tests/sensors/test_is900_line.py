@@ -7,7 +7,7 @@ import contextlib
 import itertools
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -16,29 +16,31 @@ import serial
 
 from sensors import rotation
 from sensors.assembler import AssemblerConfig, FrameAssembler
+from sensors.commands.listing import ask
 from sensors.config import device_config
 from sensors.devices import open_device
 from sensors.devices.is900 import Is900Config, Is900Device
 from sensors.emulators.endpoints import Endpoint, PtyEndpoint, TcpEndpoint
-from sensors.emulators.faults import Dropout, Jump, Junk, PowerCycle, Silence, Truncation
+from sensors.emulators.faults import (
+    Dropout,
+    Jump,
+    Junk,
+    PowerCycle,
+    Silence,
+    Stall,
+    Swap,
+    Truncation,
+)
 from sensors.emulators.is900 import Is900Emulator
 from sensors.emulators.process import EmulatorProcess
 from sensors.emulators.source import Playback, wandering
 from sensors.errors import ConfigurationError, ConnectionFailedError
 from sensors.protocols.is900 import Parser, Record, Response, Unit
-from sensors.stream import FrameStream
+from sensors.stream import FrameStream, SampleQueue
+from tests.sensors.patience import PATIENCE, eventually
 
 NAMES = tuple(f"station{n}" for n in range(1, 7))
 STATIONS = {name: n for n, name in enumerate(NAMES, start=1)}
-PATIENCE = 20.0
-
-
-def eventually(condition: Callable[[], bool], what: str) -> None:
-    give_up = time.monotonic() + PATIENCE
-    while not condition():
-        if time.monotonic() > give_up:
-            pytest.fail(f"not within {PATIENCE} s: {what}")
-        time.sleep(0.01)
 
 
 def config(address: str, **settings) -> Is900Config:
@@ -247,6 +249,87 @@ def test_a_missing_port_is_waited_for(tmp_path):
         assert "cannot open" in device.last_error
         with Is900Emulator(wandering(6), endpoint=PtyEndpoint(link)):
             eventually(lambda: record_count(device) > 20, "records")
+
+
+def test_unplugged_for_seconds_and_back(tmp_path):
+    """With the settings as they come: pauses have grown, yet the return is noticed soon."""
+    link = tmp_path / "tracker"
+    first = Is900Emulator(wandering(6), endpoint=PtyEndpoint(link))
+    first.start()
+    with Is900Device(Is900Config(port=first.address, stations=STATIONS)) as device:
+        eventually(lambda: record_count(device) > 20, "first records")
+        first.stop()
+        time.sleep(3.0)
+        before, failures = record_count(device), device.counters.failures
+        with Is900Emulator(wandering(6), endpoint=PtyEndpoint(link)):
+            back = time.monotonic()
+            eventually(lambda: record_count(device) > before, "records again")
+            taken = time.monotonic() - back
+            assert device.counters.port_losses == 1
+    assert 3 <= failures <= 12
+    # 2 s on a machine that has nothing else to do.
+    assert taken < 8.0
+
+
+def test_a_missing_port_is_said_at_once():
+    with Is900Device(config("/dev/nope")) as device:
+        assert not device.wait_attempt(PATIENCE)
+        assert "there is no such port" in device.last_error
+
+
+def test_a_stalled_line_keeps_the_capture_times():
+    with (
+        Is900Emulator(wandering(6), faults=[Stall(start=0.5, duration=0.3)]) as emulator,
+        Is900Device(config(emulator.address)) as device,
+    ):
+        delays = []
+        give_up = time.monotonic() + PATIENCE
+        while len(delays) < 240 and time.monotonic() < give_up:
+            for sample, arrival in device.samples.drain(0.1):
+                delays.append(arrival - sample.time)
+                truth = wandering(6)(sample.time - emulator.motion_zero)
+                position = truth[STATIONS[sample.tracker] - 1][0]
+                assert np.abs(sample.position - position).max() < 0.1
+    assert max(delays) > 0.2
+
+
+def test_exchanged_stations_are_reported():
+    with (
+        Is900Emulator(wandering(6), faults=[Swap(station=1, other=4, start=1.0)]) as emulator,
+        Is900Device(config(emulator.address)) as device,
+    ):
+        stream = FrameStream(device.samples, FrameAssembler(NAMES))
+        swaps = []
+        for _ in range(70):
+            assembled = stream.next(PATIENCE)
+            assert assembled is not None
+            swaps += assembled.swaps
+    assert swaps == [("station1", "station4")]
+
+
+def test_what_answers_on_a_port(endpoint):
+    with Is900Emulator(wandering(3), stations=3, endpoint=endpoint) as emulator:
+        answer = ask(emulator.address)
+    assert answer.is_tracker
+    assert "IS-900 emulated by localreg" in answer.words
+    assert "stations 1, 2, 3" in answer.words
+    assert ask("/dev/nope").words.startswith("cannot open /dev/nope")
+
+
+@pytest.mark.parametrize("protocol", ["vrpn", "is900-udp", "vmc", "vrchat"])
+def test_other_emulators_as_a_process(protocol):
+    place = "--tcp" if protocol == "vrpn" else "--to"
+    arguments = ["--protocol", protocol, place, f"127.0.0.1:{0 if protocol == 'vrpn' else 9}"]
+    with EmulatorProcess(arguments=[*arguments, "--start", "later"]) as process:
+        process.begin()
+        assert process.wait_started(PATIENCE)
+        if protocol == "vrpn":
+            samples = SampleQueue()
+            vrpn = {"driver": "vrpn", "server": process.address}
+            with open_device(device_config(vrpn), samples):
+                names = {s.tracker for s, _ in samples.drain(PATIENCE)}
+            assert names <= {f"Tracker0:{n}" for n in range(6)}
+            assert names
 
 
 def test_stop_is_quick_while_the_device_is_deaf():
