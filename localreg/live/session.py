@@ -8,7 +8,7 @@ A frame is late when its pose reaches the sinks more than one period after its i
 the assembler's delay, or never. Latency counts from the last byte of the frame's newest
 sample to the moment the last sink has the pose.
 
-On a machine that is too slow for a while frames queue up. Up to `_MOST_BEHIND` they are all
+On a machine that is too slow for a while frames queue up. Up to `MOST_BEHIND` they are all
 solved, for then the loop catches up with a hiccup unseen; beyond it the newest wins.
 """
 
@@ -34,7 +34,7 @@ from sensors.stream import FrameStream
 _POLL = 0.05
 """How often the loop looks whether it is to stop, when no frames come [s]."""
 
-_MOST_BEHIND = 0.15
+MOST_BEHIND = 0.15
 """Age, beyond the buffer, at which a frame is passed over if a newer one waits [s]."""
 
 _STEP_SHARE = 0.4
@@ -77,6 +77,8 @@ class Session:
             some way off, so it costs no lateness as long as it takes a few milliseconds.
         place: where in the world a frame is published, for example re-centred.
         log: who is told how every frame was taken.
+        most_behind: age, beyond the buffer, at which a frame is passed over if a newer one
+            waits [s]; infinite where every frame counts, whenever it comes.
         now: the clock of the frames [s].
 
     Attributes:
@@ -98,6 +100,7 @@ class Session:
         on_idle: Callable[[], None] | None = None,
         place: Callable[[LivePose], LivePose] | None = None,
         log: FrameLog | None = None,
+        most_behind: float = MOST_BEHIND,
         now: Callable[[], float] = time.monotonic,
     ) -> None:
         self.counters = LiveCounters()
@@ -111,6 +114,7 @@ class Session:
         self.on_idle = on_idle
         self._place = place
         self._log = log
+        self._most_behind = most_behind
         self._now = now
         self._stop = threading.Event()
         self._dropped_before = 0
@@ -184,7 +188,9 @@ class Session:
     def _next(self) -> AssembledFrame | None:
         """The next frame to take; None if there is none for a while."""
         assembled = self._stream.next(_POLL)
-        if assembled is None or self._now() - assembled.frame.time <= self.buffer + _MOST_BEHIND:
+        if assembled is None:
+            return None
+        if self._now() - assembled.frame.time <= self.buffer + self._most_behind:
             return assembled
         while (newer := self._stream.next(0.0)) is not None:
             self.counters.passed_frames += 1

@@ -178,8 +178,13 @@ def _play(
         def clip_at(time: float) -> int:
             return playlist.clip_at(time - zero)
 
+        # Every frame counts for accuracy, however late it comes on a busy machine.
         session = Session(
-            stream, lambda t: estimators[clip_at(t)], [collected, file], devices=[device]
+            stream,
+            lambda t: estimators[clip_at(t)],
+            [collected, file],
+            devices=[device],
+            most_behind=math.inf,
         )
         line = ProgressLine(
             console,
