@@ -260,37 +260,3 @@ def minimize(chain, observation, control, belief, start, max_steps, tolerance, p
         for b in range(a):
             H[b, a] = H[a, b]
     return qpos, energy, steps, H
-
-
-@njit(cache=True)
-@no_type_check
-def innovation_ratio(chain, observation, control, qpos, covariance, placed, errors):
-    """How much farther the trackers are from a prediction than it expects (squared).
-
-    For every measured position and orientation the squared Mahalanobis distance of its
-    innovation, and of these the median over its expected value (2.366, the median of
-    chi-squared with 3 degrees of freedom): near 1 for a true prediction, and deaf to a
-    minority of outliers. 0 where nothing is measured.
-    """
-    place(chain, qpos, placed)
-    position, orientation = errors
-    tracker_errors(placed, observation, position, orientation)
-    jacobian = np.empty((len(chain.site_body), 6, _TANGENT))
-    tracker_jacobian(chain, placed, jacobian)
-    found = np.empty(2 * len(position))
-    count = 0
-    for j in range(len(position)):
-        for kind in range(2):
-            if kind == 0 and not observation.position_mask[j]:
-                continue
-            if kind == 1 and not observation.orientation_mask[j]:
-                continue
-            sigma = control.sigma_position if kind == 0 else control.sigma_orientation
-            error = position[j] if kind == 0 else orientation[j]
-            rows = np.ascontiguousarray(jacobian[j, 3 * kind : 3 * kind + 3])
-            spread = rows @ covariance @ rows.T
-            for i in range(3):
-                spread[i, i] += sigma**2
-            found[count] = np.dot(error, np.linalg.solve(spread, error))
-            count += 1
-    return np.median(found[:count]) / 2.366 if count else 0.0

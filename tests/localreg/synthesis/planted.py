@@ -5,13 +5,19 @@ import numpy as np
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
+from localreg.body.chain import chain_of
 from localreg.body.kinematics import Kinematics
 from localreg.body.subject import canonical_subject
 from localreg.evaluation.body_points import BodyPoints
-from localreg.synthesis.energy import Gaussian, Observation, PriorTerm, Term, TrackerTerm
+from localreg.numerics import host_arrays
+from localreg.synthesis.belief import Belief, terms_of_belief
+from localreg.synthesis.compiled import Control
+from localreg.synthesis.energy import Observation, Term, TrackerTerm
+from localreg.synthesis.solver import Problem
 
 SUBJECT = canonical_subject()
 BODY, KINEMATICS = BodyPoints(SUBJECT), Kinematics.from_subject(SUBJECT)
+CHAIN = chain_of(KINEMATICS)
 UPRIGHT = Rotation.from_quat([0.5**0.5, 0.5**0.5, 0.0, 0.0], scalar_first=True)
 ALL = np.ones(6, dtype=bool)
 NONE = np.zeros(6, dtype=bool)
@@ -32,26 +38,35 @@ def observe(
     """What the six trackers say in a pose, without noise; nonsense where masked."""
     poses = BODY.tracker_poses(np.asarray(qpos, dtype=float)[None])
     return Observation(
-        jnp.asarray(np.where(position_mask[:, None], poses.positions[0], 0.0)),
-        jnp.asarray(np.where(orientation_mask[:, None], poses.quaternions[0], [1.0, 0, 0, 0])),
-        jnp.asarray(position_mask),
-        jnp.asarray(orientation_mask),
+        *host_arrays(
+            np.where(position_mask[:, None], poses.positions[0], 0.0),
+            np.where(orientation_mask[:, None], poses.quaternions[0], [1.0, 0.0, 0.0, 0.0]),
+            position_mask,
+            orientation_mask,
+        )
     )
 
 
-def energy_terms(
-    observation: Observation, mean: ndarray, sigma: float, c: float = 9.0
-) -> tuple[Term, ...]:
-    """Trackers of the default quality, and a prior about a mean."""
-    trackers = TrackerTerm(
-        KINEMATICS,
-        observation,
-        jnp.asarray(0.005),
-        jnp.asarray(np.radians(1.0)),
-        jnp.asarray(float(c)),
+def planted(observation: Observation, belief: Belief, c: float = 9.0) -> Problem:
+    """Trackers of the default quality, and a prior."""
+    return Problem(
+        KINEMATICS, CHAIN, observation, Control(0.005, float(np.radians(1.0)), c), belief
     )
-    prior = PriorTerm(Gaussian.from_deviations(jnp.asarray(mean), jnp.full(56, sigma)))
-    return trackers, prior
+
+
+def belief_about(angles: ndarray, sigma: float) -> Belief:
+    """A prior over joint angles that knows nothing of the root."""
+    information = np.zeros((62, 62))
+    information[6:, 6:] = np.eye(56) / sigma**2
+    qpos = np.concatenate([np.zeros(3), UPRIGHT.as_quat(scalar_first=True), angles])
+    return Belief(qpos, np.zeros(62), information)
+
+
+def terms_of(problem: Problem) -> tuple[Term, ...]:
+    """The problem as the papers' energy terms."""
+    observation = Observation(*(jnp.asarray(part) for part in problem.observation))
+    control = (jnp.asarray(part) for part in problem.control)
+    return TrackerTerm(problem.kinematics, observation, *control), *terms_of_belief(problem.belief)
 
 
 def turned_about_vertical(qpos: ndarray, angle: float) -> ndarray:

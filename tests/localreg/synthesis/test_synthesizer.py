@@ -1,19 +1,23 @@
-"""What every estimator promises: purity, one trace, masks that are honored, no nonsense out."""
+"""What every estimator promises: purity, masks that are honored, no nonsense out."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy import ndarray
 
+from localreg.body.chain import chain_of
 from localreg.body.subject import Subject
 from localreg.database import PoseDatabase
 from localreg.database.neighbours import Neighbours, NeighbourSearch, Query
 from localreg.errors import DatabaseError
 from localreg.evaluation.trackers import simulate_trackers
+from localreg.synthesis.baselines import PublishedRegression
 from localreg.synthesis.estimator import Pose, Result
+from localreg.synthesis.experience import learn
+from localreg.synthesis.local_regression import LocalRegression
 from localreg.synthesis.methods import build_estimator
-from localreg.synthesis.prior import LocalRegression
 from localreg.synthesis.state import State
 from localreg.synthesis.synthesizer import Synthesizer
 from sensors.pose import TrackerFrame
@@ -30,13 +34,13 @@ class Traces(dict[str, int]):
 def traces(monkeypatch: pytest.MonkeyPatch) -> Traces:
     counted = Traces(predict=0, acquire=0)
     for name in counted:
-        method = getattr(LocalRegression, name)
+        method = getattr(PublishedRegression, name)
 
         def counting(*args, _name=name, _method=method):
             counted[_name] += 1
             return _method(*args)
 
-        monkeypatch.setattr(LocalRegression, name, counting)
+        monkeypatch.setattr(PublishedRegression, name, counting)
     return counted
 
 
@@ -46,7 +50,17 @@ def assert_equal_poses(one: Pose, other: Pose) -> None:
 
 
 def copied(state: State) -> State:
-    return State(*(np.array(part) for part in state[:-1]), lost=state.lost)
+    drift = None if state.drift is None else type(state.drift)(*map(np.array, state.drift))
+    return State(*(np.array(part) for part in state[:-2]), drift=drift, lost=state.lost)
+
+
+def assert_equal_states(one: State, other: State) -> None:
+    assert (one.drift is None) == (other.drift is None)
+    for a, b in zip(
+        (*one[:-2], *(one.drift or ())), (*other[:-2], *(other.drift or ())), strict=True
+    ):
+        np.testing.assert_array_equal(a, b)
+    assert one.lost == other.lost
 
 
 def other_person(subject: Subject) -> Subject:
@@ -54,22 +68,25 @@ def other_person(subject: Subject) -> Subject:
     return replace(shorter, name="other")
 
 
-def test_a_session_is_traced_once_whatever_happens(traces, localreg, trackers, database, walk):
+def test_a_prior_of_terms_is_traced_once_whatever_happens(
+    traces, estimator_of, trackers, database, walk
+):
     """Dropouts, nothing measured, losing the body, another start, another person, less data."""
-    frames = list(trackers)[:60]
-    state = localreg.step(localreg.init(frames[0]), frames[0])[0]
+    paper: Synthesizer = estimator_of("paper")
+    frames = list(trackers)[:40]
+    state = paper.step(paper.init(frames[0]), frames[0])[0]
     traces.update(predict=0, acquire=0)  # other tests may have compiled it before
     frames[3:6] = [without(frame, 2) for frame in frames[3:6]]
     frames[6:8] = [without(frame, *range(6)) for frame in frames[6:8]]
     frames[8:10] = [only(frame, ALL, ALL & (np.arange(6) > 2)) for frame in frames[8:10]]
     frames[20:] = [moved_frame(f, 2.0, np.array([9.0, 9.0, 5.0])) for f in frames[20:]]
-    poses = follow(localreg, frames, state)
-    localreg.init(without(frames[0], 1))
-    follow(localreg, frames[:2], localreg.init_at(walk.qpos[0]))
-    follow(localreg.leave_out(database.exclude(clip="16_25")), frames[:2])
+    poses = follow(paper, frames, state)
+    paper.init(without(frames[0], 1))
+    follow(paper, frames[:2], paper.init_at(walk.qpos[0]))
+    follow(paper.leave_out(database.exclude(clip="16_25")), frames[:2])
     person = other_person(walk.subject)
     seen = simulate_trackers(replace(walk, subject=person)).frame(0)
-    follow(build_estimator("localreg", person, database), [seen, seen])
+    follow(build_estimator("paper", person, database), [seen, seen])
     assert all(np.all(np.isfinite(pose.qpos)) for pose in poses)
     assert traces == {"predict": 0, "acquire": 0}
 
@@ -83,9 +100,9 @@ def test_a_step_is_a_function_of_state_and_frame(localreg, trackers, walk):
         localreg.step(localreg.init_at(walk.qpos[70]), trackers.frame(70))
         second, other = localreg.step(state, frame)
         assert_equal_poses(one, other)
-        for part, again in zip(first, second, strict=True):
-            np.testing.assert_array_equal(part, again)
-        for part, kept in zip((*state, *frame), (*before, *seen), strict=True):
+        assert_equal_states(first, second)
+        assert_equal_states(state, before)
+        for part, kept in zip(frame, seen, strict=True):
             np.testing.assert_array_equal(part, kept)
         state = first
 
@@ -201,16 +218,28 @@ class Spy(NeighbourSearch):
         self.rows.append(found.rows)
         return found
 
+    def squared_distances(self, queries: Sequence[Query]) -> ndarray:
+        squared = self._search.squared_distances(queries)
+        self.rows.extend(np.flatnonzero(np.isfinite(row)) for row in squared)
+        return squared
+
 
 def test_poses_that_are_left_out_are_never_found(localreg, trackers, database: PoseDatabase):
+    """Neither in a session nor in the rehearsals before it."""
     allowed = database.exclude(subject="16") | (np.arange(len(database)) % 7 == 0)
     estimator: Synthesizer = localreg.leave_out(allowed)
-    assert estimator.examples is not None
-    spy = Spy(estimator.examples.search)
-    estimator = replace(estimator, examples=replace(estimator.examples, search=spy))
+    prior = estimator.prior
+    assert isinstance(prior, LocalRegression)
+    spy = Spy(prior.source.search)
+    source = replace(prior.source, search=spy)
+    noise = prior.experience.pose.noise[3 * 56 :]
+    experience = learn(source, prior.settings, noise, chain_of(estimator.kinematics))
+    rehearsed = len(spy.rows)
+    assert rehearsed > prior.settings.rehearsals
+    estimator = replace(estimator, prior=replace(prior, source=source, experience=experience))
     follow(estimator, list(trackers)[:30])
+    assert len(spy.rows) == rehearsed + 31
     found = np.unique(np.concatenate(spy.rows))
-    assert len(spy.rows) == 31
     assert np.all(allowed[found])
     usable = np.zeros(len(database), dtype=bool)
     usable[database.window_targets(3)] = True
