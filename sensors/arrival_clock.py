@@ -14,6 +14,8 @@ import math
 _LATE_GAIN = 0.02
 _EARLY_GAIN = 0.3
 _PERIOD_SHARE = 0.05
+# A report that claims to be older than this was not late: the beat is wrong.
+_MAX_LATE = 0.05
 _PACE_GAIN = 1.0 / 16.0
 _LEAST_PACE = 0.7
 _SETTLE = 8
@@ -63,7 +65,7 @@ class ArrivalClock:
         error = arrival - expected
         correction = (_EARLY_GAIN if error < 0.0 else _LATE_GAIN) * error
         self._period += _PERIOD_SHARE * correction / max(1, beats)
-        self._beat = min(arrival, expected + correction)
+        self._beat = min(arrival, max(expected + correction, arrival - _MAX_LATE))
         return self._beat
 
     def _restart(self, arrival: float) -> float:

@@ -83,7 +83,8 @@ KINDS = ["is900-udp", "vrpn-tcp", "vrpn-udp", "vmc", "vrchat"]
 def test_from_emulator_to_frames(kind):
     with running(kind) as (emulator, trackers):
         assert emulator.wait_started(PATIENCE)
-        zero, complete, errors = emulator.motion_zero, 0, []
+        zero, complete = emulator.motion_zero, 0
+        errors, angles = [], []
         assert zero is not None
         give_up = time.monotonic() + PATIENCE
         while complete < 20 and time.monotonic() < give_up:
@@ -97,10 +98,12 @@ def test_from_emulator_to_frames(kind):
             positions = np.array([p for p, _ in truth])
             quaternions = np.array([q for _, q in truth])
             errors.append(float(np.abs(frame.positions - positions).max()))
-            assert float(rotation.angle_between(frame.quaternions, quaternions).max()) < 0.2
-        # 0.8 m/s: a busy machine may delay the whole stream by several milliseconds.
+            angles.append(float(rotation.angle_between(frame.quaternions, quaternions).max()))
         assert complete >= 20, trackers.assembler.counters
-        assert np.median(errors) < 0.03
+        # 0.8 m/s: a busy machine may delay the whole stream by several milliseconds; and what
+        # has no time stamps is as late as its sender's thread.
+        assert np.median(errors) < (0.2 if kind == "vrchat" else 0.03)
+        assert np.median(angles) < (0.4 if kind == "vrchat" else 0.06)
         (device,) = trackers.devices
         assert device.counters.parser.bad_records == 0
         assert device.counters.unmapped == 0
