@@ -6,6 +6,7 @@ Nothing here asserts tight times: the machine may be busy.
 import contextlib
 import itertools
 import os
+import struct
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -104,6 +105,43 @@ def test_the_command_order_of_a_vrpn_host(endpoint, end):
         p, q = wandering(4)(0.0)[r.station - 1]
         np.testing.assert_allclose(r.position, p * [1, -1, -1], atol=1e-5)
         np.testing.assert_allclose(r.quaternion, q * [1, 1, -1, -1], atol=1e-5)
+
+
+# What the VRPN host sends at its first, third and sixth attempt to find the device.
+ATTEMPTS = [b"c", b"\r\x19c", b"\rYt\x19c"]
+
+
+@pytest.mark.parametrize("attempt", ATTEMPTS)
+def test_a_vrpn_host_with_every_option_byte_for_byte(endpoint, attempt):
+    """Time, buttons and joystick asked for; records read as that host reads them."""
+    with (
+        Is900Emulator(wandering(4), stations=4, endpoint=endpoint) as emulator,
+        raw_host(emulator.address) as port,
+    ):
+        for byte in attempt:
+            port.write(bytes((byte,)))
+        port.write(b"S")
+        status = port.read(55)
+        assert (status[:1], status[-1:]) == (b"2", b"\n")
+        for n in range(1, 5):
+            port.write(b"O%d,2,11,21,22,23,0\r" % n)
+        port.write(b"x0.2,0.2,0.8,0.8\r")
+        port.write(b"v0.2,0.2,0.8,0.8\r")
+        port.write(b"f")
+        port.write(b"C")
+        port.write(b"MT\rMZ\r")
+        length = 4 + 12 + 16 + 4 + 1 + 2
+        data = port.read(length * 4 * 6)
+    assert len(data) == length * 4 * 6
+    for k in range(24):
+        record = data[length * k : length * (k + 1)]
+        assert record[:1] == b"0"
+        assert record[1] in b"1234"
+        assert record[2:3] == record[-1:] == b" "
+        values = struct.unpack("<3f4ff3B", record[3:-1])
+        assert sum(q * q for q in values[3:7]) == pytest.approx(1.0, abs=1e-5)
+        assert 0.0 <= values[7] < 1e3 * PATIENCE
+        assert values[8:] == (0, 127, 127)
 
 
 def test_the_command_order_of_the_vendors_host(endpoint):
