@@ -34,6 +34,7 @@ from localreg.evaluation.playback import play
 from localreg.evaluation.protocol import Protocol, Trial, plan_trials
 from localreg.evaluation.summaries import badness
 from localreg.evaluation.trackers import simulate_trackers
+from localreg.evaluation.worker import is_same
 from localreg.synthesis.methods import build_synthesizer
 from localreg.synthesis.settings import METHODS, Settings
 
@@ -68,13 +69,17 @@ _ROUNDS: Final = 2
 def mean_error(settings: Settings, trials: Sequence[Trial], database: PoseDatabase,
                protocol: Protocol) -> float:  # fmt: skip
     """Joint angle error with some settings, mean over clips, signals and starts [deg]."""
-    errors = []
+    errors, person = [], None
+    has_database = settings.prior != "ik"
     for trial in trials:
         motion = trial.motion
-        body = BodyPoints(motion.subject)
-        has_database = settings.prior != "ik"
         allowed = trial.allowed(database) if has_database else None
-        estimator = build_synthesizer(settings, motion.subject, database, allowed)
+        if person is None or not is_same(person[0], motion.subject):
+            built = build_synthesizer(settings, motion.subject, database, allowed)
+            person = motion.subject, BodyPoints(motion.subject), built
+        _, body, estimator = person
+        if allowed is not None:
+            estimator = estimator.leave_out(allowed)
         for signals in protocol.signals:
             quality = replace(protocol.quality, signals=signals)
             trackers = simulate_trackers(motion, quality, seed=protocol.seed, body=body)

@@ -1,6 +1,7 @@
 """One process's share of an evaluation: trials one after another."""
 
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -20,6 +21,9 @@ from localreg.evaluation.variants import Variant, find_variant
 from localreg.synthesis.estimator import AnyEstimator
 from localreg.synthesis.methods import build_estimator, build_synthesizer
 
+_MOST_KEPT: Final = 7
+_POSES_KEPT: Final = 300_000  # about 150 MB a method
+
 
 class Worker:
     """Runs trials one after another and keeps what the next one can use.
@@ -32,7 +36,8 @@ class Worker:
         self._database = database
         self._subject: Subject | None = None
         self._body: BodyPoints | None = None
-        self._estimators: dict[str, tuple[AnyEstimator, tuple[int, ...]]] = {}
+        # By variant and by what is left out, the last used at the end.
+        self._estimators: dict[tuple[str, tuple[int, ...]], AnyEstimator] = {}
 
     def run(self, trial: Trial, protocol: Protocol) -> list[ClipResult]:
         """All methods with all signals on one clip.
@@ -87,17 +92,22 @@ class Worker:
         self, variant: Variant, trial: Trial, trackers: SimulatedTrackers
     ) -> AnyEstimator:
         """The method with the trial's clips masked from its database."""
-        known = self._estimators.get(variant.estimator)
-        if known is not None and (known[1] == trial.left_out or not variant.needs_database):
-            return known[0]
-        allowed = trial.allowed(self._database) if variant.needs_database else None
-        if known is not None and allowed is not None:
-            estimator = known[0].leave_out(allowed)
-        else:
-            estimator = self._build(variant, trial.motion.subject, allowed)
-            warm_up(estimator, trackers)
-        self._estimators[variant.estimator] = (estimator, trial.left_out)
-        return estimator
+        key = variant.estimator, trial.left_out if variant.needs_database else ()
+        known = self._estimators.pop(key, None)
+        if known is None:
+            alike = [one for (name, _), one in self._estimators.items() if name == key[0]]
+            allowed = trial.allowed(self._database) if variant.needs_database else None
+            if alike and allowed is not None:
+                known = alike[-1].leave_out(allowed)
+            else:
+                known = self._build(variant, trial.motion.subject, allowed)
+                warm_up(known, trackers)
+            # Each keeps a copy of the poses to search; a series comes back to its few clips.
+            others = [other for other in self._estimators if other[0] == key[0]]
+            for old in others[: -_kept(self._database)]:
+                del self._estimators[old]
+        self._estimators[key] = known
+        return known
 
     def _build(
         self, variant: Variant, subject: Subject, allowed: Bool[ndarray, " poses"] | None
@@ -105,6 +115,11 @@ class Worker:
         if variant.has_squares:
             return build_synthesizer(variant.settings, subject, self._database, allowed)
         return build_estimator(variant.method, subject, self._database, allowed)
+
+
+def _kept(database: PoseDatabase) -> int:
+    """How many estimators of a method are kept for other clips: fewer of large databases."""
+    return max(1, min(_MOST_KEPT, _POSES_KEPT // len(database)))
 
 
 def is_same(one: Subject, other: Subject) -> bool:

@@ -16,7 +16,7 @@ from localreg.evaluation.protocol import SHORTEST, Protocol, plan_trials
 from localreg.evaluation.results import Evaluation
 from localreg.motion.motion import Motion
 from tests.localreg.database.made_motion import make_motion
-from tests.localreg.evaluation.standing import Builder
+from tests.localreg.evaluation.standing import Builder, Standing
 
 
 @pytest.fixture(scope="module")
@@ -267,3 +267,37 @@ def _die(*trial: object) -> None:
     import os
 
     os._exit(1)
+
+
+def test_estimators_are_kept_for_clips_that_come_again(
+    motions: list[Motion],
+    database: PoseDatabase,
+    builder: Builder,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    left_out: list[int] = []
+    real = Standing.leave_out
+
+    def count(self: Standing, allowed: np.ndarray) -> Standing:
+        left_out.append(int(allowed.sum()))
+        return real(self, allowed)
+
+    monkeypatch.setattr(Standing, "leave_out", count)
+    protocol = Protocol(methods=("paper",), signals=("both",), max_frames=12)
+    trials, _ = plan_trials(motions, database, protocol)
+    distinct = len({trial.left_out for trial in trials})
+    worker = worker_module.Worker(database)
+    for _ in range(3):
+        for trial in trials:
+            builder.asked.clear()
+            worker.run(trial, protocol)
+            assert builder.asked[-1][2] is not None
+            np.testing.assert_array_equal(builder.asked[-1][2], trial.allowed(database))
+    assert builder.built == ["paper"]
+    assert len(left_out) == distinct - 1
+    monkeypatch.setattr(worker_module, "_POSES_KEPT", 0)
+    left_out.clear()
+    worker = worker_module.Worker(database)
+    for trial in [*trials, *trials]:
+        worker.run(trial, protocol)
+    assert len(left_out) > distinct, "of a large database only the last one is kept"
