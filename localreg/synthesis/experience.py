@@ -130,7 +130,7 @@ def learn(
         pose_ridge = _best_ridge(found.pose_errors, familiar)
         pose_errors = found.pose_errors[:, pose_ridge, np.arange(DOF_COUNT)]
         if look is not rows:
-            spread = pose_errors.T @ pose_errors / len(look)
+            spread = pose_errors.T @ pose_errors / len(pose_errors)
             angle_noise = _heard(spread, chain, source, look, settings)
     step_ridge = _best_ridge(found.step_errors, familiar)
     step_errors = found.step_errors[:, step_ridge, np.arange(TANGENT_SIZE)]
@@ -140,8 +140,8 @@ def learn(
         steps=transitions,
         pose_ridge=pose_ridge,
         step_ridge=step_ridge,
-        pose_growth=(pose_errors * familiar[:, None]).T @ pose_errors / len(rows),
-        step_growth=(step_errors * familiar[:, None]).T @ step_errors / len(rows),
+        pose_growth=(pose_errors * familiar[:, None]).T @ pose_errors / len(pose_errors),
+        step_growth=(step_errors * familiar[:, None]).T @ step_errors / len(step_errors),
         usual=float(np.quantile(found.squared_distance, 0.9)),
         feature_share=found.feature_share.mean(axis=0),
         history_share=found.history_share.mean(axis=0),
@@ -244,12 +244,15 @@ def _predict(
 
 def _nothing(settings: Settings, features: int) -> Rehearsal:
     """For a database of a single motion: nothing is familiar, and errors are large."""
+    # One coordinate wrong in each, so that together they are independent of each other.
+    count = TANGENT_SIZE
+    wrong = np.sqrt(count) * np.eye(count)
     return Rehearsal(
-        np.ones(1),
-        np.ones((1, features)),
-        np.ones((1, settings.history)),
-        np.full((1, len(POSE_RIDGES), DOF_COUNT), np.radians(10.0)),
-        np.full((1, len(STEP_RIDGES), TANGENT_SIZE), np.radians(1.0)),
+        np.ones(count),
+        np.ones((count, features)),
+        np.ones((count, settings.history)),
+        np.repeat(np.radians(10.0) * wrong[:, None, :DOF_COUNT], len(POSE_RIDGES), axis=1),
+        np.repeat(np.radians(1.0) * wrong[:, None], len(STEP_RIDGES), axis=1),
     )
 
 

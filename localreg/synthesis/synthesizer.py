@@ -153,7 +153,9 @@ class Synthesizer(Estimator[State]):
         qpos = np.array(state.qpos, dtype=float)
         positions, orientations = place_trackers(self._chain, qpos)
         apart = np.where(observation.position_mask[:, None], positions - observation.positions, 0.0)
-        information = np.linalg.pinv(np.asarray(state.covariance))
+        covariance = np.asarray(state.covariance)
+        known = bool(np.isfinite(covariance).all())
+        information = np.linalg.pinv(covariance) if known else np.full_like(covariance, np.nan)
         return Solution(qpos, np.nan, 0, information, apart, np.zeros_like(apart), orientations)
 
     def _energy(self, problem: Problem, qpos: Float[ndarray, "63"]) -> float:
