@@ -4,6 +4,7 @@ It never gives up: what is gone is opened again after a growing pause. What the 
 goes, as `Chunk`s, to the recorder and to a pure `Decoder`.
 """
 
+import logging
 import threading
 import time
 from abc import ABC, abstractmethod
@@ -15,6 +16,8 @@ from sensors.devices.decoder import Decoder, DeviceCounters
 from sensors.devices.settings import DeviceSettings
 from sensors.errors import ConnectionFailedError, LinkLostError, SensorError
 from sensors.stream import Received, SampleQueue
+
+_LOG = logging.getLogger(__name__)
 
 __all__ = ["ChunkSink", "Device", "DeviceCounters", "Link", "ThreadedDevice"]
 
@@ -191,6 +194,10 @@ class ThreadedDevice(Device, Generic[_Link]):
             except ConnectionFailedError as error:
                 self._unanswered()
                 self._fail(error)
+            except Exception as error:
+                # A defect of ours must not silence a tracker for the rest of a performance.
+                _LOG.exception("the driver of %s failed and begins anew", self.name)
+                self._fail(SensorError(f"a defect in the driver of {self.name}: {error!r}"))
             finally:
                 with self._lock:
                     self._link = None

@@ -23,7 +23,7 @@ class DeviceSettings(Settings):
         max_pause: longest such pause [s].
     """
 
-    name: str = ""
+    name: str = Field(default="", pattern=r"^[\w.-]*$")
     stations: Mapping[str, int | str] = Field(default_factory=dict)
     placement: Placement = Placement()
     pause: float = Field(default=0.25, gt=0.0)

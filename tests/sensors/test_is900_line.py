@@ -14,15 +14,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 import serial
+from typer.testing import CliRunner
 
 from sensors import rotation
 from sensors.assembler import AssemblerConfig, FrameAssembler
+from sensors.cli import app
 from sensors.commands.listing import ask
 from sensors.config import device_config
 from sensors.devices import open_device
 from sensors.devices.is900 import Is900Config, Is900Device
 from sensors.emulators.endpoints import Endpoint, PtyEndpoint, TcpEndpoint
 from sensors.emulators.faults import (
+    Corruption,
     Dropout,
     Jump,
     Junk,
@@ -352,6 +355,43 @@ def test_what_answers_on_a_port(endpoint):
     assert "IS-900 emulated by localreg" in answer.words
     assert "stations 1, 2, 3" in answer.words
     assert ask("/dev/nope").words.startswith("cannot open /dev/nope")
+
+
+def test_the_monitor_shows_every_station_and_what_is_wrong():
+    faults = [Corruption(probability=0.2)]
+    with Is900Emulator(wandering(2), stations=2, faults=faults) as emulator:
+        arguments = ["monitor", emulator.address, "--seconds", "1.5"]
+        result = CliRunner(env={"COLUMNS": "160"}).invoke(app, arguments)
+    assert result.exit_code == 0, result.output
+    last = result.stdout[result.stdout.rindex("tracker") :]
+    rows = [line.split("│") for line in last.splitlines() if line.startswith("│")]
+    by_name = {row[1].strip(): [cell.strip() for cell in row[2:-1]] for row in rows}
+    for station in ("1", "2"):
+        samples, rate, _, _, quality = by_name[station]
+        assert int(samples) > 5
+        assert 1.0 < float(rate) < 80.0
+        assert quality == "1.00"
+    state, records, bad, skipped, *_ = by_name["is900"]
+    assert (state, int(records) > 10, int(bad) > 0, int(skipped) > 0) == ("streaming", 1, 1, 1)
+
+
+class _Defective(Is900Device):
+    """Fails once in the middle of everything."""
+
+    def _read(self, link, lists):
+        if not self.counters.failures:
+            raise ZeroDivisionError("a defect")
+        super()._read(link, lists)
+
+
+def test_a_defect_of_a_driver_does_not_silence_the_tracker(caplog):
+    with (
+        Is900Emulator(wandering(6)) as emulator,
+        _Defective(config(emulator.address)) as device,
+    ):
+        eventually(lambda: record_count(device) > 10, "records after all")
+    assert device.counters.failures == 1
+    assert "a defect" in caplog.text
 
 
 @pytest.mark.parametrize("protocol", ["vrpn", "is900-udp", "vmc", "vrchat"])

@@ -60,6 +60,7 @@ def device(**values: object) -> dict[str, object]:
         ({**device(), "assemble": {}}, "unknown setting assemble; did you mean assembler?"),
         (device(bawd=9600), "device is900: unknown setting bawd; did you mean baud?"),
         (device(name="left", bawd=1), "device left: unknown setting bawd"),
+        (device(name="a/b"), "device a/b: name is 'a/b'"),
         (device(baud="fast"), "device is900: baud is 'fast'"),
         (device(driver="is90"), "devices[0] has driver 'is90'; did you mean is900?"),
         ({"devices": [{"port": "x"}]}, "devices[0] has no driver"),
