@@ -27,7 +27,7 @@ from localreg.body.chain import Chain, difference, integrate
 from localreg.body.skeleton import DOF_COUNT, TANGENT_SIZE
 from localreg.database.features import quaternions_to_matrices
 from localreg.database.neighbours import Neighbours, Query
-from localreg.synthesis.belief import Belief
+from localreg.synthesis.belief import Belief, Limits
 from localreg.synthesis.examples import ExampleSource
 from localreg.synthesis.experience import (
     NEAR,
@@ -66,11 +66,13 @@ class LocalRegression(Prior):
         settings: the numbers of the method.
         source: where neighbours come from.
         experience: what rehearsal has taught.
+        limits: the ranges that the database's joint angles keep to.
     """
 
     settings: Settings
     source: ExampleSource
     experience: Experience
+    limits: Limits
 
     @classmethod
     def over(
@@ -88,7 +90,9 @@ class LocalRegression(Prior):
             feature_noise: what each feature column is off by.
             chain: the body that wears the trackers.
         """
-        return cls(settings, source, learn(source, settings, feature_noise, chain))
+        seen = source.database.angles[source.targets].astype(float)
+        limits = Limits(seen.min(axis=0), seen.max(axis=0), settings.limit_softness)
+        return cls(settings, source, learn(source, settings, feature_noise, chain), limits)
 
     def expect(self, query: Query, state: State) -> Expectation:
         """Pose and step regression, fused with the belief of the last frame."""
@@ -123,7 +127,7 @@ class LocalRegression(Prior):
         pull = np.zeros(TANGENT_SIZE)
         pull[6:] = new @ (pose.mean - qpos[7:])
         return Expectation(
-            belief=Belief(qpos, np.linalg.solve(information, pull), information),
+            belief=Belief(qpos, np.linalg.solve(information, pull), information, self.limits),
             covariance=covariance,
             drift=Drift(mean, spread, cross),
             confidence=min(1.0, self.experience.usual / max(distance, 1e-9)),

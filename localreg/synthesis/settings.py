@@ -49,7 +49,8 @@ class Settings:
             predicted [m].
         root_orientation: the same [rad].
         previous_pose: pull to the previous pose (ik) [rad].
-        limit_softness: how far beyond a joint's range is one standard deviation (ik) [rad].
+        limit_softness: how far beyond a joint's range is one standard deviation [rad]; the
+            range is anatomy's (ik) or the database's (localreg).
         smoothness: deviation of q_t - 2 q_(t-1) + q_(t-2) (lpca) [rad].
         solver: one of `localreg.synthesis.solver.SOLVERS`.
     """
@@ -57,7 +58,7 @@ class Settings:
     prior: str = "localreg"
     neighbours: int = 400
     history: int = 3
-    sigma_position: float = 0.005
+    sigma_position: float = 0.004
     sigma_orientation: float = radians(1.0)
     lorentzian: float = 9.0
     max_steps: int = 16
@@ -70,7 +71,7 @@ class Settings:
     feature_rotation_noise: float = 0.012
     pose_information: float = 0.15
     step_noise: float = radians(0.5)
-    drift_memory: float = 0.85
+    drift_memory: float = 0.8
     step_floor_position: float = 0.001
     step_floor_angle: float = radians(0.1)
     rehearsals: int = 300
@@ -81,7 +82,7 @@ class Settings:
     root_position: float = 0.1
     root_orientation: float = 0.3
     previous_pose: float = radians(6.0)
-    limit_softness: float = radians(3.0)
+    limit_softness: float = radians(1.0)
     smoothness: float = radians(3.0)
     solver: str = "compiled"
 
@@ -111,6 +112,6 @@ METHODS: Final[dict[str, Settings]] = {
     "joint": replace(_PAST_ONLY, prior="joint", floor=radians(3.0)),
     "lpcr": replace(_PAST_ONLY, prior="lpcr", floor=radians(3.0)),
     "lpca": replace(_PAST_ONLY, prior="lpca", search_by_trackers=True, rank=20, floor=radians(2.0)),
-    "ik": replace(Settings(), prior="ik", neighbours=0),
+    "ik": replace(Settings(), prior="ik", neighbours=0, limit_softness=radians(3.0)),
 }
 """The settings of every method that can be asked for by name."""
