@@ -1,14 +1,17 @@
 """Frames made worse on purpose, sessions over them, and how far those are from the truth."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
+from localreg.database.neighbours import Query
 from localreg.evaluation.body_points import BodyPoints
 from localreg.synthesis.estimator import Pose
+from localreg.synthesis.prior import Acquisition, Expectation, Prior
 from localreg.synthesis.state import State
 from localreg.synthesis.synthesizer import Synthesizer
 from sensors.pose import TrackerFrame
@@ -56,6 +59,32 @@ def follow(
         state, pose = estimator.step(state, frame)
         poses.append(pose)
     return poses
+
+
+@dataclass(frozen=True, eq=False)
+class Watched(Prior):
+    """A prior that tells every question and answer."""
+
+    prior: Prior
+    tell: Callable[[Query, State, Expectation], None]
+
+    def expect(self, query: Query, state: State) -> Expectation:
+        answer = self.prior.expect(query, state)
+        self.tell(query, state, answer)
+        return answer
+
+    def conclude(self, expectation: Expectation, qpos: ndarray, covariance: ndarray) -> Any:
+        return self.prior.conclude(expectation, qpos, covariance)
+
+    def acquire(self, query: Query) -> Acquisition:
+        return self.prior.acquire(query)
+
+
+def watched(
+    estimator: Synthesizer, tell: Callable[[Query, State, Expectation], None]
+) -> Synthesizer:
+    """The estimator, telling what its prior is asked and answers in every step."""
+    return replace(estimator, prior=Watched(estimator.prior, tell))
 
 
 def only(frame: TrackerFrame, positions: ndarray, orientations: ndarray) -> TrackerFrame:
