@@ -41,10 +41,6 @@ from sensors.tracker_input import TrackerInput
 Tell = Callable[[str], None]
 """Says one sentence to whoever started the run."""
 
-_FLUSH_EVERY = 0.5
-"""What a recording may lack after a crash [s]. The file's index grows in memory by about 1 kB
-with every flush: 7 MB an hour."""
-
 
 def run(
     config: RunConfig, options: RunOptions, tell: Tell, status: StatusServer | None = None
@@ -154,9 +150,7 @@ def _recorder(record: tuple[Path, ...], stack: contextlib.ExitStack) -> Recorder
     recordings = [path for path in record if path.suffix.lower() == RECORDING]
     if len(recordings) > 1:
         raise LocalregError("one recording at a time; give --record one file ending in .mcap")
-    if not recordings:
-        return None
-    return stack.enter_context(Recorder(recordings[0], flush_interval=_FLUSH_EVERY))
+    return stack.enter_context(Recorder(recordings[0])) if recordings else None
 
 
 @contextlib.contextmanager

@@ -145,7 +145,7 @@ def test_poses_reach_avatar_programs_by_vmc(stage: Stage, performer: Daemon):
 def test_poses_reach_small_programs_by_json(stage: Stage, performer: Daemon):
     stage.json.deafen()
     first, second = (json.loads(stage.json.hear()) for _ in range(2))
-    assert second["instant"] == first["instant"] + 1
+    assert second["instant"] > first["instant"]
     assert set(first["bones"]) == set(BODY_NAMES)
 
 
@@ -263,8 +263,11 @@ def test_a_full_disk_ends_the_recording_only(stage: Stage, performer: Daemon):
     assert len(motion) > 10
 
 
-def test_four_kinds_of_devices_a_pulled_plug_and_a_kill(tmp_path: Path):
-    """What was recorded until then is good, and is repeated to the last bit."""
+def test_four_kinds_of_devices_a_pulled_plug_and_a_kill(performer: Daemon, tmp_path: Path):
+    """What was recorded until then is good, and is repeated to the last bit.
+
+    Meanwhile another daemon runs on the same machine, and neither minds the other.
+    """
     walk = walk_playback()
     zero = time.monotonic()
 
@@ -303,6 +306,7 @@ def test_four_kinds_of_devices_a_pulled_plug_and_a_kill(tmp_path: Path):
                 eventually(lambda: running.heard("is900 is back"), "a sentence on its return")
                 os.kill(running.process.pid, signal.SIGKILL)
                 running.process.wait()
+    performer.runs_on(5)
     kept = Take.read(stage.take)
     assert len(kept.indices) > state["published"] - 40
     (motion,) = read_motion(stage.dance)
