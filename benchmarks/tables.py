@@ -31,6 +31,7 @@ from localreg.evaluation.protocol import Protocol
 from localreg.evaluation.results import write_json
 from localreg.evaluation.statistics import Difference, paired_difference
 from localreg.evaluation.summaries import to_json
+from localreg.evaluation.variants import find_variant
 
 METHODS: Final = ("ik", "lpca", "lpcr", "paper", "joint", "localreg", "ik-truth")
 """The rows, in the published order of quality, the default last; then what IK could be."""
@@ -119,7 +120,7 @@ def columns_of(document: Mapping[str, Any]) -> list[Column]:
 def method_table(columns: Sequence[Column]) -> Grid:
     """Methods by signals; `ik-truth` is shown but does not compete, since it was given more."""
     methods = list(columns[0].values)
-    rivals = [method for method in methods if not method.endswith("-truth")]
+    rivals = rivals_of(columns[0])
     clips = len(columns[0].values[methods[0]])
     grid = Grid(
         f"Means over {clips} clips", ["method", *(f"{c.signals}\n[{c.unit}]" for c in columns)]
@@ -137,11 +138,18 @@ def method_table(columns: Sequence[Column]) -> Grid:
     return grid
 
 
+def rivals_of(column: Column) -> list[str]:
+    """The methods that were not given the truth."""
+    return [name for name in column.values if not find_variant(name).is_given_truth]
+
+
 def published_order(columns: Sequence[Column]) -> list[str]:
     """For each step of the published order, whether it was found."""
     lines = []
     for column in columns:
-        known = [method for method in PUBLISHED if method in column.values]
+        # A rival may run as a variant, such as paper-floor8.
+        names = {find_variant(name).method: name for name in reversed(rivals_of(column))}
+        known = [names[method] for method in PUBLISHED if method in names]
         for worse, better in pairwise(known):
             found = column.minus(worse, better)
             if found.mean is None:

@@ -71,7 +71,7 @@ def evaluate(
         str,
         typer.Option(
             help="Methods, with commas; NAME-truth is given the true first pose, NAME-squares "
-            "has plain squares for the Lorentzian."
+            "has plain squares for the Lorentzian, NAME-floor8 a least deviation of 8 degrees."
         ),
     ] = "localreg,paper,lpcr,lpca,ik,ik-truth",
     signals: Annotated[

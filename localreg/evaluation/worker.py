@@ -112,7 +112,7 @@ class Worker:
     def _build(
         self, variant: Variant, subject: Subject, allowed: Bool[ndarray, " poses"] | None
     ) -> AnyEstimator:
-        if variant.has_squares:
+        if not variant.is_plain:
             return build_synthesizer(variant.settings, subject, self._database, allowed)
         return build_estimator(variant.method, subject, self._database, allowed)
 
