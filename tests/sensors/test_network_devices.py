@@ -29,7 +29,7 @@ Running = tuple[BeatEmulator, TrackerInput]
 
 
 def settings(device: dict[str, object]) -> SensorsConfig:
-    return SensorsConfig.parse({"devices": [device], "assembler": {"rate": 40.0}})
+    return SensorsConfig.parse({"devices": [device], "assembler": {"delay": 1.0}})
 
 
 def listening(

@@ -84,6 +84,7 @@ def recorded_session(path: Path) -> list[AssembledFrame]:
                     },
                     {"driver": "is900-udp", "port": 0, "stations": {"rankle": 1}},
                 ],
+                "assembler": {"delay": 0.3},
                 "room": {"yaw": 30.0, "translation": [1.0, 2.0, 3.0]},
             }
         )

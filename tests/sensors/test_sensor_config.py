@@ -136,7 +136,8 @@ def test_two_ports_of_one_unit_make_one_frame():
         Is900Emulator(wandering(2), stations=2) as right,
     ):
         text = TWO_PORTS.replace("/dev/ttyUSB0", left.address)
-        config = SensorsConfig.parse(_tables(text.replace("/dev/ttyUSB1", right.address)))
+        tables = _tables(text.replace("/dev/ttyUSB1", right.address))
+        config = SensorsConfig.parse({**tables, "assembler": {"delay": 1.0}})
         with TrackerInput(config) as trackers:
             for _ in range(200):
                 assembled = trackers.stream.next(PATIENCE)
