@@ -21,6 +21,7 @@ from localreg.body.subject import Subject
 
 _CHUNK: Final = 8192  # poses a batch: bounds memory, and keeps to one compiled shape
 _PER_TRACKER: Final = 12  # relative position 3, relative rotation matrix 9
+_PREDICTED: Final = 0.05  # trust in directions seen from a predicted orientation
 _UP: Final = np.array([0.0, 0.0, 1.0])
 
 
@@ -72,16 +73,22 @@ class FeatureLayout:
         own = [np.full(3, rotation[self.reference]), np.full(1, position[self.reference])]
         return np.concatenate([*parts, *own])
 
-    def mask(
+    def trust(
         self, position_mask: Bool[ndarray, " J"], orientation_mask: Bool[ndarray, " J"]
-    ) -> Bool[ndarray, " f"]:
-        """Which columns are known when only some trackers are.
+    ) -> Float[ndarray, " f"]:
+        """How far each column is to be believed when only some trackers are known, 0 to 1.
 
-        The reference's own orientation is taken from prediction where it is masked; its
-        position cannot be, since all others are relative to it.
+        The reference's own orientation is taken from prediction where it is masked, which
+        leaves what lies in its axes in some doubt; its position cannot be, since all others
+        are relative to it.
         """
-        position = position_mask & position_mask[self.reference]
-        return self.columns(position.astype(float), orientation_mask.astype(float)) > 0.5
+        position = (position_mask & position_mask[self.reference]).astype(float)
+        rotation = orientation_mask.astype(float)
+        if not orientation_mask[self.reference]:
+            others = list(self.others)
+            position[others] *= _PREDICTED
+            rotation[others] *= _PREDICTED
+        return self.columns(position, rotation)
 
     def extract(
         self, positions: Float[ndarray, "*b J 3"], rotations: Float[ndarray, "*b J 3 3"]

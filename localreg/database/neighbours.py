@@ -38,13 +38,13 @@ class Query(NamedTuple):
         history: joint angles of the last m poses, newest first [rad].
         history_valid: which of them exist.
         features: features of the present trackers.
-        feature_valid: which columns are known.
+        feature_trust: how far each column is believed: 1 measured, 0 unknown.
     """
 
     history: Float[ndarray, "m 56"]
     history_valid: Bool[ndarray, " m"]
     features: Float[ndarray, " f"]
-    feature_valid: Bool[ndarray, " f"]
+    feature_trust: Float[ndarray, " f"]
 
 
 class Neighbours(NamedTuple):
@@ -118,14 +118,14 @@ class ExactSearch(NeighbourSearch):
                     then = past[row, lag - 1]
                     part = self._angle_squares[:-lag] - 2.0 * products[row, lag - 1, :-lag]
                     distances[lag:] += np.float32(weight**2) * (part + then @ then)
-        known = np.array([query.feature_valid for query in queries])
+        trust = np.array([query.feature_trust for query in queries])
         features = np.array([query.features for query in queries])
-        scaled = (features * self._metric.features * known).astype(np.float32)
-        products = (self._features @ scaled.T).T
+        scaled = (features * self._metric.features * trust).astype(np.float32)
+        products = (self._features @ (scaled * trust.astype(np.float32)).T).T
         for row, distances in enumerate(squared):
             squares = self._feature_squares
-            if not known[row].all():
-                squares = np.square(self._features) @ known[row].astype(np.float32)
+            if np.any(trust[row] != 1.0):
+                squares = np.square(self._features) @ np.square(trust[row]).astype(np.float32)
             distances += squares - 2.0 * products[row] + scaled[row] @ scaled[row]
         squared[:, self._forbidden] = np.inf
         return squared

@@ -98,10 +98,10 @@ class Experience:
         self,
         squared_distance: float,
         history_valid: Bool[ndarray, " m"],
-        feature_valid: Bool[ndarray, " f"],
+        feature_trust: Float[ndarray, " f"],
     ) -> float:
         """A squared distance as if everything had been known that a query may hold."""
-        known = self.feature_share @ feature_valid + self.history_share @ history_valid
+        known = self.feature_share @ np.square(feature_trust) + self.history_share @ history_valid
         whole = self.feature_share.sum() + self.history_share.sum()
         return squared_distance * whole / known if known > 0.0 else np.inf
 
@@ -185,7 +185,7 @@ def _rehearse(
         features = source.features[batch] + 0.5 * feature_noise * rng.normal(
             size=(len(batch), len(feature_noise))
         )
-        known = np.ones(settings.history, dtype=bool), np.ones(len(feature_noise), dtype=bool)
+        known = np.ones(settings.history, dtype=bool), np.ones(len(feature_noise))
         queries = [
             Query(history, known[0], feature, known[1])
             for history, feature in zip(past, features, strict=True)
@@ -219,14 +219,14 @@ def _predict(
     rows, squared = near
     weights = kernel_weights(squared)
     raw = query.history.ravel()
-    known = np.ones(len(pose.noise), dtype=bool)
-    x = pose.reduce(np.concatenate([raw, query.features]), known)
+    trust = np.ones(len(pose.noise))
+    x = pose.reduce(np.concatenate([raw, query.features]), trust)
     X = pose.reduced[rows].astype(float)
     fit = LocalFit(X, database.angles[rows].astype(float), weights, within_reach(X, weights, x))
     errors = database.angles[row] - fit.predictions(POSE_RIDGES)
     # The past before a step is known better than its share of lasting noise says.
     past = database.histories(np.array([row]), settings.history)[0].ravel().astype(float)
-    s = step.reduce(past, known[: len(past)])
+    s = step.reduce(past, trust[: len(past)])
     S = step.reduced[rows].astype(float)
     fit = LocalFit(S, transitions[rows].astype(float), weights, within_reach(S, weights, s))
     step_errors = transitions[row] - fit.predictions(STEP_RIDGES)

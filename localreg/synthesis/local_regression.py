@@ -162,21 +162,21 @@ class LocalRegression(Prior):
     def _distance(self, neighbours: Neighbours, query: Query) -> float:
         """How far the neighbours are, squared, as if the whole query were known."""
         near = neighbours.squared_distances[int(NEAR * len(neighbours.rows))]
-        whole = self.experience.whole_distance(near, query.history_valid, query.feature_valid)
+        whole = self.experience.whole_distance(near, query.history_valid, query.feature_trust)
         return float(min(whole, _FARTHEST))
 
     def _pose(self, neighbours: Neighbours, query: Query, distance: float) -> Normal:
         rows, squared = neighbours
         weights = kernel_weights(squared)
         inputs = self.experience.pose
-        known = np.concatenate([np.repeat(query.history_valid, DOF_COUNT), query.feature_valid])
-        x = inputs.reduce(np.concatenate([query.history.ravel(), query.features]), known)
-        if known.all():
+        trust = np.concatenate([np.repeat(query.history_valid, DOF_COUNT), query.feature_trust])
+        x = inputs.reduce(np.concatenate([query.history.ravel(), query.features]), trust)
+        if np.all(trust == 1.0):
             X = inputs.reduced[rows].astype(float)
         else:
             database, history = self.source.database, self.settings.history
             past = database.histories(rows, history).reshape(len(rows), -1)
-            X = inputs.reduce(np.hstack([past, self.source.features[rows]]).astype(float), known)
+            X = inputs.reduce(np.hstack([past, self.source.features[rows]]).astype(float), trust)
         Y = self.source.database.angles[rows].astype(float)
         fit = LocalFit(X, Y, weights, within_reach(X, weights, x))
         mean, covariance = fit.normal(POSE_RIDGES, self.experience.pose_ridge)
@@ -190,13 +190,13 @@ class LocalRegression(Prior):
         rows, squared = neighbours
         weights = kernel_weights(squared)
         inputs = self.experience.step
-        known = np.repeat(query.history_valid, DOF_COUNT)
-        x = inputs.reduce(query.history.ravel(), known)
-        if known.all():
+        trust = np.repeat(query.history_valid, DOF_COUNT).astype(float)
+        x = inputs.reduce(query.history.ravel(), trust)
+        if trust.all():
             X = inputs.reduced[rows].astype(float)
         else:
             past = self.source.database.histories(rows, self.settings.history)
-            X = inputs.reduce(past.reshape(len(rows), -1).astype(float), known)
+            X = inputs.reduce(past.reshape(len(rows), -1).astype(float), trust)
         fit = LocalFit(
             X, self.experience.steps[rows].astype(float), weights, within_reach(X, weights, x)
         )

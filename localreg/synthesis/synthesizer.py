@@ -125,16 +125,16 @@ class Synthesizer(Estimator[State]):
         matrices = quaternions_to_matrices(np.asarray(observation.quaternions))
         if not observation.orientation_mask[layout.reference]:
             matrices[layout.reference] = np.asarray(state.reference)
-        valid = layout.mask(
+        trust = layout.trust(
             np.asarray(observation.position_mask), np.asarray(observation.orientation_mask)
         )
         if not self.settings.search_by_trackers and np.any(state.history_valid):
-            valid = np.zeros_like(valid)
+            trust = np.zeros_like(trust)
         return Query(
             history=np.asarray(state.history),
             history_valid=np.asarray(state.history_valid),
             features=layout.extract(np.asarray(observation.positions), matrices),
-            feature_valid=valid,
+            feature_trust=trust,
         )
 
     def _solve(self, state: State, observation: Observation, expectation: Expectation) -> Solution:
@@ -168,8 +168,22 @@ class Synthesizer(Estimator[State]):
         )  # fmt: skip
 
     def _acquire(self, state: State, observation: Observation) -> tuple[State, Solution]:
-        """The best pose from several starts, without a past."""
-        acquisition = self.prior.acquire(self._query(state, observation))
+        """The best pose without a past.
+
+        Where the reference tracker's orientation is not measured, features cannot be told
+        before a pose has been found without them.
+        """
+        query = self._query(state, observation)
+        if not observation.orientation_mask[self._layout.reference]:
+            blind = query._replace(feature_trust=np.zeros_like(query.feature_trust))
+            found, _ = self._best_of_starts(blind, state, observation)
+            query = self._query(state._replace(reference=found.reference), observation)
+        return self._best_of_starts(query, state, observation)
+
+    def _best_of_starts(
+        self, query: Query, state: State, observation: Observation
+    ) -> tuple[State, Solution]:
+        acquisition = self.prior.acquire(query)
         information = np.zeros((TANGENT_SIZE, TANGENT_SIZE))
         information[6:, 6:] = acquisition.information
         mean = np.zeros(TANGENT_SIZE)

@@ -29,7 +29,7 @@ class Question(NamedTuple):
     history: Float[Array, "m 56"]
     history_valid: Bool[Array, " m"]
     features: Float[Array, " f"]
-    feature_valid: Bool[Array, " f"]
+    feature_trust: Float[Array, " f"]
 
 
 class Prediction(NamedTuple):

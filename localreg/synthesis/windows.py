@@ -35,10 +35,10 @@ class Inputs:
     reduced: Float32[ndarray, "N r"]
 
     def reduce(
-        self, raw: Float[ndarray, "*k n"], known: Bool[ndarray, " n"]
+        self, raw: Float[ndarray, "*k n"], trust: Float[ndarray, " n"]
     ) -> Float[ndarray, "*k r"]:
-        """Raw inputs in the basis, unknown ones left out."""
-        return (raw * (known / self.noise)) @ self.basis
+        """Raw inputs in the basis, those of no trust left out."""
+        return (raw * (trust / self.noise)) @ self.basis
 
 
 def pose_inputs(

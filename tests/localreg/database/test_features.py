@@ -104,7 +104,13 @@ def test_columns_are_known_where_their_trackers_are(position_mask, orientation_m
         "height": lambda _: positions[TORSO],
     }
     expected = [bool(known[kind](tracker)) for kind, tracker in meaning(SIX)]
-    assert SIX.mask(positions, rotations).tolist() == expected
+    trust = SIX.trust(positions, rotations)
+    assert (trust > 0.0).tolist() == expected
+    # What is seen from an orientation that was itself predicted is believed less.
+    in_axes = np.array([kind in ("position", "rotation") for kind, _ in meaning(SIX)])
+    assert np.all(trust[~in_axes] == np.array(expected)[~in_axes])
+    doubted = trust[in_axes & np.array(expected)]
+    assert np.all(doubted == 1.0) if rotations[TORSO] else np.all(doubted < 0.1)
 
 
 @pytest.mark.parametrize("masked", range(6))
@@ -112,7 +118,7 @@ def test_known_columns_do_not_depend_on_masked_trackers(masked):
     """But for the reference's own orientation, which prediction replaces."""
     positions, rotations = poses(4)
     mask = np.arange(6) != masked
-    known = SIX.mask(mask, mask)
+    known = SIX.trust(mask, mask) > 0.0
     features = SIX.extract(positions, rotations)
     positions[masked] += 7.0
     if masked != TORSO:

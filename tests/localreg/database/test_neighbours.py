@@ -54,7 +54,7 @@ def plain_distances(p: Problem) -> ndarray:
                 away = p.metric.history[lag - 1] * (p.angles[row - lag].astype(float) - past)
                 squared[row] += away @ away
         away = p.metric.features * (p.features[row].astype(float) - p.query.features)
-        squared[row] += away[p.query.feature_valid] @ away[p.query.feature_valid]
+        squared[row] += away[p.query.feature_trust] @ away[p.query.feature_trust]
     return squared
 
 
@@ -117,7 +117,7 @@ def test_a_query_out_of_the_database_finds_itself():
 def test_a_query_that_knows_nothing_finds_allowed_poses():
     p = problem(4)
     query = p.query._replace(
-        history_valid=np.zeros(3, dtype=bool), feature_valid=np.zeros(7, dtype=bool)
+        history_valid=np.zeros(3, dtype=bool), feature_trust=np.zeros(7, dtype=bool)
     )
     rows, squared = search_in(p).search(query, 1)
     assert p.allowed[rows[0]]
