@@ -42,13 +42,15 @@ class RecorderCounters:
 
     Attributes:
         messages: written and flushed.
-        lost: let go because the queue was full, the disk was, or they were not JSON.
+        lost: let go because the queue was full, or the disk.
+        refused: not JSON.
         bytes: of the file.
         flushes: times the file was brought up to date.
     """
 
     messages: int = 0
     lost: int = 0
+    refused: int = 0
     bytes: int = 0
     flushes: int = 0
 
@@ -264,13 +266,14 @@ class Recorder:
             items, self._items = self._items, []
         if self.counters.lost > self._told_lost:
             self._told_lost = self.counters.lost
+            # Right here: what stands before is complete.
             items.append((self._lost, time.monotonic(), {"lost": self._told_lost}))
         written = 0
         for channel, when, message in items:
             try:
                 text = _to_json(self._plain(message))
             except (TypeError, ValueError, RecursionError) as error:
-                self.counters.lost += 1
+                self.counters.refused += 1
                 _LOG.error(
                     "a message on %s is no JSON and was not recorded: %s", channel.topic, error
                 )

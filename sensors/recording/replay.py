@@ -106,7 +106,14 @@ def replay_frames(path: Path) -> Iterator[AssembledFrame]:
         RecordingError: if it cannot be read, or lacks samples because the recorder had to
             let messages go.
     """
-    wanted = (schemas.SENSORS, schemas.RAW, schemas.DROPPED, schemas.ROOM, schemas.FRAMES)
+    wanted = (
+        schemas.SENSORS,
+        schemas.RAW,
+        schemas.DROPPED,
+        schemas.ROOM,
+        schemas.FRAMES,
+        schemas.LOST,
+    )
     replay: _Replay | None = None
     for message in read_recording(path, wanted):
         if message.topic == schemas.SENSORS:
@@ -136,6 +143,8 @@ class _Replay:
             yield from self._close(float(data["closed_at"]), int(data["taken"]))
         elif message.topic == schemas.DROPPED:
             self._drops.append((int(data["first"]), int(data["count"])))
+        elif message.topic == schemas.LOST:
+            raise self._incomplete()
         elif message.topic == schemas.ROOM:
             x, y, z = map(float, data["translation"])
             self._transform = RoomTransform(float(data["yaw"]), (x, y, z))
@@ -149,10 +158,7 @@ class _Replay:
             return  # Several frames closed together: the first call gave all of them.
         self._closing = (closed_at, taken)
         if taken - self._taken > len(self._samples):
-            raise RecordingError(
-                f"{self._path} lacks raw data: the recorder could not keep up; use the frames "
-                "it holds, or localreg sensors replay"
-            )
+            raise self._incomplete()
         while self._taken < taken:
             sample, arrival = self._samples.popleft()
             if not self._was_dropped(self._taken):
@@ -160,6 +166,12 @@ class _Replay:
             self._taken += 1
         for assembled in self._assembler.poll(closed_at):
             yield assembled.placed(self._transform)
+
+    def _incomplete(self) -> RecordingError:
+        return RecordingError(
+            f"{self._path} lacks raw data after frame {self._assembler.counters.frames}: the "
+            "recorder could not keep up; use the frames it holds, or localreg sensors replay"
+        )
 
     def _was_dropped(self, number: int) -> bool:
         while self._drops and number >= sum(self._drops[0]):

@@ -180,6 +180,25 @@ def test_samples_that_gave_way_give_way_again(tmp_path):
     assert all(map(same, frames, replay_frames(path)))
 
 
+def test_a_recording_with_holes_is_made_again_up_to_the_first(tmp_path):
+    path = tmp_path / "holes.mcap"
+    with Is900Emulator(wandering(6)) as emulator:
+        stations = {"driver": "is900", "port": emulator.address, "stations": STATIONS}
+        config = SensorsConfig.parse({"devices": [stations]})
+        with (
+            Recorder(path, flush_interval=1.0, capacity=50) as recorder,
+            TrackerInput(config, recorder=recorder) as trackers,
+        ):
+            eventually(lambda: (take(trackers, 1), recorder.counters.lost > 30)[1], "loss")
+            eventually(lambda: (take(trackers, 1), recorder.counters.messages > 90)[1], "more")
+    recorded = [m.data["time"] for m in read_recording(path, ("/frames",))]
+    again = []
+    with pytest.raises(RecordingError, match="could not keep up"):
+        again.extend(a.frame.time for a in replay_frames(path))
+    assert 1 < len(again) < len(recorded)
+    assert again == recorded[: len(again)]
+
+
 WRITER = """
 import sys, time
 from pathlib import Path
@@ -255,7 +274,8 @@ def test_other_readers_find_everything_by_the_index(tmp_path):
         with pytest.raises(RecordingError, match="another topic"):
             recorder.channel("/poses", "other", {})
         channel.write({"n": object()}, 105.0)
-    assert (recorder.counters.messages, recorder.counters.lost) == (5, 1)
+    c = recorder.counters
+    assert (c.messages, c.lost, c.refused) == (5, 0, 1)
     with path.open("rb") as file:
         found = list(make_reader(file, validate_crcs=True).iter_messages())
     assert [json.loads(m.data) for _, _, m in found] == [
