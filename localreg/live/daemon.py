@@ -65,7 +65,9 @@ def run(
     wearer_of(config, options)
     with contextlib.ExitStack() as stack:
         stack.enter_context(_told_warnings(tell))
+        recentering = Recentering()
         stack.enter_context(_ended_by_request())
+        stack.enter_context(_recentered_by_signal(recentering))
         chosen = choose_database(options.database, tell)
         config = _at_rate(config, chosen.poses.rate)
         subject = chosen.subject if options.subject is None else read_subject(options.subject)
@@ -79,8 +81,8 @@ def run(
         if log is not None:
             method = config.synthesis.method
             log.begin(method, METHODS[method], config.performance, subject, chosen)
+            recentering.on_change = log.placed
         trackers = TrackerInput(config, trackers=subject.trackers, recorder=recorder)
-        recentering = Recentering(None if log is None else log.placed)
         session = Session(
             trackers.stream,
             lambda _: estimator,
@@ -100,7 +102,6 @@ def run(
             trackers,
             HealthReport(health.look, tell, options.health),
             stopped_by_interrupt(session),
-            _recentered_by_signal(recentering),
         ):
             notify("READY=1")
             end = math.inf

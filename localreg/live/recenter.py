@@ -48,12 +48,13 @@ def placed(live: LivePose, transform: RoomTransform) -> LivePose:
 class Recentering:
     """The present placement of what is published; any thread may ask for a new one.
 
-    Args:
+    Attributes:
         on_change: is told the first frame of a new placement, as it was, and the placement.
+        count: how often that has happened.
     """
 
-    def __init__(self, on_change: Callable[[LivePose, RoomTransform], None] | None = None) -> None:
-        self._on_change = on_change
+    def __init__(self) -> None:
+        self.on_change: Callable[[LivePose, RoomTransform], None] | None = None
         # A plain flag: a signal handler must not take locks.
         self._is_asked = False
         self._transform: RoomTransform | None = None
@@ -74,6 +75,6 @@ class Recentering:
             self._is_asked = False
             self._transform = facing_ahead(live.pose.qpos)
             self.count += 1
-            if self._on_change is not None:
-                self._on_change(live, self._transform)
+            if self.on_change is not None:
+                self.on_change(live, self._transform)
         return live if self._transform is None else placed(live, self._transform)

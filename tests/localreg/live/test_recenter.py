@@ -58,7 +58,8 @@ def test_somebody_on_the_back_lies_with_the_head_behind():
 
 def test_nothing_moves_before_it_is_asked_for_and_all_after():
     told = []
-    recentering = Recentering(lambda live, transform: told.append((live.instant, transform)))
+    recentering = Recentering()
+    recentering.on_change = lambda live, transform: told.append((live.instant, transform))
     poses = [live_pose(SUBJECT, standing(40.0, x=0.1 * n), n) for n in range(4)]
     assert recentering(poses[0]) is poses[0]
     recentering.request()

@@ -58,7 +58,8 @@ def perform(
         log = TakeRecorder(recorder)
         performance = PerformanceConfig()
         log.begin("localreg", METHODS["localreg"], performance, subject, chosen)
-        recentering = Recentering(log.placed)
+        recentering = Recentering()
+        recentering.on_change = log.placed
 
         def finish(live):
             if live.instant == recentered_at:
