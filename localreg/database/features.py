@@ -21,7 +21,6 @@ from localreg.body.subject import Subject
 
 _CHUNK: Final = 8192  # poses a batch: bounds memory, and keeps to one compiled shape
 _PER_TRACKER: Final = 12  # relative position 3, relative rotation matrix 9
-_PREDICTED: Final = 0.05  # trust in directions seen from a predicted orientation
 _UP: Final = np.array([0.0, 0.0, 1.0])
 
 
@@ -74,20 +73,24 @@ class FeatureLayout:
         return np.concatenate([*parts, *own])
 
     def trust(
-        self, position_mask: Bool[ndarray, " J"], orientation_mask: Bool[ndarray, " J"]
+        self,
+        position_mask: Bool[ndarray, " J"],
+        orientation_mask: Bool[ndarray, " J"],
+        in_reference: float = 0.0,
     ) -> Float[ndarray, " f"]:
         """How far each column is to be believed when only some trackers are known, 0 to 1.
 
-        The reference's own orientation is taken from prediction where it is masked, which
-        leaves what lies in its axes in some doubt; its position cannot be, since all others
-        are relative to it.
+        Args:
+            position_mask: which positions are measured.
+            orientation_mask: which orientations are.
+            in_reference: trust in what is seen from the reference tracker where a part of
+                its pose had to be predicted.
         """
-        position = (position_mask & position_mask[self.reference]).astype(float)
-        rotation = orientation_mask.astype(float)
-        if not orientation_mask[self.reference]:
-            others = list(self.others)
-            position[others] *= _PREDICTED
-            rotation[others] *= _PREDICTED
+        seen = position_mask[self.reference]
+        facing = orientation_mask[self.reference]
+        position = position_mask * (1.0 if seen and facing else in_reference)
+        rotation = orientation_mask * (1.0 if facing else in_reference)
+        position[self.reference], rotation[self.reference] = float(seen), float(facing)
         return self.columns(position, rotation)
 
     def extract(

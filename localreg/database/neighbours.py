@@ -121,7 +121,9 @@ class ExactSearch(NeighbourSearch):
         trust = np.array([query.feature_trust for query in queries])
         features = np.array([query.features for query in queries])
         scaled = (features * self._metric.features * trust).astype(np.float32)
-        products = (self._features @ (scaled * trust.astype(np.float32)).T).T
+        # Rows this short are padded with whatever lies behind them; its flags mean nothing.
+        with np.errstate(invalid="ignore"):
+            products = (self._features @ (scaled * trust.astype(np.float32)).T).T
         for row, distances in enumerate(squared):
             squares = self._feature_squares
             if np.any(trust[row] != 1.0):

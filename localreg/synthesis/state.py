@@ -1,13 +1,29 @@
 """What an estimator carries from frame to frame."""
 
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 from numpy import ndarray
 
-from localreg.body.chain import difference
+from localreg.body.chain import difference, integrate
 from localreg.body.skeleton import DOF_COUNT, QPOS_SIZE, TANGENT_SIZE
+
+LONG: Final = 1000
+"""As good as never heard, in frames."""
+
+
+class Attention(NamedTuple):
+    """Which trackers are being heard.
+
+    Attributes:
+        away: for how many frames in a row each of the J trackers has been far from where
+            the motion led; `LONG` while it is masked.
+        unguided: for how many frames in a row the reference tracker's pose was not heard.
+    """
+
+    away: Int[ndarray, " J"]
+    unguided: int
 
 
 class State(NamedTuple):
@@ -19,7 +35,7 @@ class State(NamedTuple):
         velocity: last step of the root: translation [m], rotation vector [rad] a frame.
         history: joint angles of the last m poses, newest first [rad].
         history_valid: which of them exist.
-        reference: rotation matrix of the reference tracker as synthesized.
+        attention: which trackers are being heard.
         drift: how the past has lately misled; the prior's own business.
         lost: frames in a row that the trackers were left far from.
     """
@@ -29,12 +45,12 @@ class State(NamedTuple):
     velocity: Float[Array | ndarray, "6"]
     history: Float[Array | ndarray, "m 56"]
     history_valid: Bool[Array | ndarray, " m"]
-    reference: Float[Array | ndarray, "3 3"]
+    attention: Attention
     drift: Any = None
     lost: int = 0
 
 
-def blank_state(history: int) -> State:
+def blank_state(history: int, trackers: int) -> State:
     """A state that knows nothing: upright at the origin, no past."""
     qpos = np.zeros(QPOS_SIZE)
     qpos[2], qpos[3:5] = 0.95, 0.5**0.5
@@ -44,17 +60,18 @@ def blank_state(history: int) -> State:
         velocity=np.zeros(6),
         history=np.zeros((history, DOF_COUNT)),
         history_valid=np.zeros(history, dtype=bool),
-        reference=np.eye(3),
+        attention=Attention(np.full(trackers, LONG), LONG),
     )
 
 
-def state_at(qpos: Float[ndarray, "63"], history: int) -> State:
+def state_at(qpos: Float[ndarray, "63"], history: int, trackers: int) -> State:
     """A state that knows one pose well and nothing of before."""
-    state = blank_state(history)
+    state = blank_state(history, trackers)
     past = np.repeat(qpos[None, 7:], history, axis=0)
     valid = np.zeros(history, dtype=bool)
     valid[0] = True
     return state._replace(
+        attention=Attention(np.zeros(trackers, dtype=int), 0),
         qpos=qpos,
         covariance=1e-4 * np.eye(TANGENT_SIZE),
         history=past,
@@ -72,3 +89,15 @@ def remember(state: State, qpos: Float[ndarray, "63"]) -> State:
         history=np.concatenate([qpos[None, 7:], state.history[:-1]]),
         history_valid=np.concatenate([[True], state.history_valid[:-1]]),
     )
+
+
+def coasting(state: State) -> Float[ndarray, "63"]:
+    """Where the pose would be with the velocity of the last step."""
+    history, valid = np.asarray(state.history), np.asarray(state.history_valid)
+    step = np.zeros(TANGENT_SIZE)
+    step[:6] = state.velocity
+    if valid[:2].all():
+        step[6:] = history[0] - history[1]
+    qpos = np.empty(QPOS_SIZE)
+    integrate(np.asarray(state.qpos, dtype=float), step, qpos)
+    return qpos

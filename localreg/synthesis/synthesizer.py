@@ -27,7 +27,15 @@ from localreg.synthesis.estimator import Estimator, Pose, Result
 from localreg.synthesis.prior import Expectation, Prior
 from localreg.synthesis.settings import Settings
 from localreg.synthesis.solver import SOLVERS, Problem, Solution
-from localreg.synthesis.state import State, blank_state, remember, state_at
+from localreg.synthesis.state import (
+    LONG,
+    Attention,
+    State,
+    blank_state,
+    coasting,
+    remember,
+    state_at,
+)
 from sensors.pose import TrackerFrame
 
 LOST_AFTER: Final = 4
@@ -39,6 +47,18 @@ _ROOM: Final = 1000.0
 _FAR: Final = 40.0
 """Median squared distance to the trackers, in units of their sigmas, that counts as far:
 3 cm or 6 degrees where 0.5 cm and 1 degree are expected."""
+
+_JUMP: Final = 0.12
+"""A tracker this far from prediction is doubted [m] ..."""
+
+_TWIST: Final = np.radians(30.0)
+"""... as is one turned this far from it [rad] ..."""
+
+_DOUBT: Final = 20
+"""... for at most so many frames in a row."""
+
+_LEAST_TRUST: Final = 0.05
+"""Trust in what is seen from a reference pose that has long been predicted only."""
 
 _LEAST_INFORMATION: Final = 1e-6
 """Keeps a covariance finite where nothing is observed."""
@@ -70,19 +90,18 @@ class Synthesizer(Estimator[State]):
 
     def init(self, frame: TrackerFrame) -> State:
         """Find the pose from one frame alone, from several starts."""
-        return self._acquire(blank_state(self.settings.history), _observe(frame))[0]
+        return self._acquire(self._blank(), _observe(frame))[0]
 
     def init_at(self, qpos: Float[ndarray, "63"]) -> State:
         """Begin from a known pose."""
         qpos = np.asarray(qpos, dtype=float)
-        state = state_at(qpos, self.settings.history)
-        orientations = place_trackers(self._chain, qpos)[1]
-        return state._replace(reference=self._reference(orientations))
+        return state_at(qpos, self.settings.history, len(self.subject.trackers))
 
     def step(self, state: State, frame: TrackerFrame) -> tuple[State, Pose]:
         """The next pose."""
         observation = _observe(frame)
-        expectation = self.prior.expect(self._query(state, observation), state)
+        query, attention = self._query(state, observation)
+        expectation = self.prior.expect(query, state)
         solution = self._solve(state, observation, expectation)
         solved = solution.ok
         if not solved:
@@ -90,14 +109,14 @@ class Synthesizer(Estimator[State]):
         covariance = _inverse(solution.hessian)
         after = remember(state, solution.qpos)._replace(
             covariance=covariance,
-            reference=self._reference(solution.orientations),
+            attention=attention,
             drift=self.prior.conclude(expectation, solution.qpos, covariance),
             lost=state.lost + 1 if self._is_far(observation, solution) else 0,
         )
         result = Result.SOLVED if solved else Result.FAILED
         if after.lost >= LOST_AFTER:
             after = after._replace(lost=0)
-            blank = blank_state(self.settings.history)._replace(qpos=after.qpos)
+            blank = self._blank()._replace(qpos=after.qpos)
             found, sought = self._acquire(blank, observation)
             if sought.ok and not self._is_far(observation, sought):
                 after, solution, result = found, sought, Result.REACQUIRED
@@ -119,23 +138,43 @@ class Synthesizer(Estimator[State]):
     def _problem(self, observation: Observation, belief: Belief) -> Problem:
         return Problem(self.kinematics, self._chain, observation, self._control, belief)
 
-    def _query(self, state: State, observation: Observation) -> Query:
-        """What is known before the pose is solved."""
-        layout = self._layout
-        matrices = quaternions_to_matrices(np.asarray(observation.quaternions))
-        if not observation.orientation_mask[layout.reference]:
-            matrices[layout.reference] = np.asarray(state.reference)
-        trust = layout.trust(
-            np.asarray(observation.position_mask), np.asarray(observation.orientation_mask)
-        )
+    def _blank(self) -> State:
+        return blank_state(self.settings.history, len(self.subject.trackers))
+
+    def _query(self, state: State, observation: Observation) -> tuple[Query, Attention]:
+        """What is known before the pose is solved, and whom it was heard from.
+
+        A tracker far from where the motion so far leads is not believed here, or one jump
+        would choose the neighbours; the energy, which is robust, hears it all the same.
+        Where the reference tracker is masked or doubted, its predicted pose takes its place.
+        """
+        layout, reference = self._layout, self._layout.reference
+        predicted_positions, predicted = place_trackers(self._chain, coasting(state))
+        positions, quaternions = map(np.array, (observation.positions, observation.quaternions))
+        seen, facing = map(np.array, (observation.position_mask, observation.orientation_mask))
+        off = np.linalg.norm(positions - predicted_positions, axis=1)
+        turned = 2.0 * np.arccos(np.clip(np.abs((quaternions * predicted).sum(axis=1)), 0.0, 1.0))
+        far = (seen & (off > _JUMP)) | (facing & (turned > _TWIST))
+        away = np.where(far, np.minimum(state.attention.away + 1, LONG), 0)
+        away = np.where(seen | facing, away, LONG)
+        believed = ~far | (away > _DOUBT)
+        seen, facing = seen & believed, facing & believed
+        guided = bool(seen[reference] and facing[reference])
+        unguided = 0 if guided else min(state.attention.unguided + 1, LONG)
+        if not seen[reference]:
+            positions[reference] = predicted_positions[reference]
+        if not facing[reference]:
+            quaternions[reference] = predicted[reference]
+        trust = layout.trust(seen, facing, max(_LEAST_TRUST, 0.5 * 0.8**unguided))
         if not self.settings.search_by_trackers and np.any(state.history_valid):
             trust = np.zeros_like(trust)
-        return Query(
+        query = Query(
             history=np.asarray(state.history),
             history_valid=np.asarray(state.history_valid),
-            features=layout.extract(np.asarray(observation.positions), matrices),
+            features=layout.extract(positions, quaternions_to_matrices(quaternions)),
             feature_trust=trust,
         )
+        return query, Attention(away, unguided)
 
     def _solve(self, state: State, observation: Observation, expectation: Expectation) -> Solution:
         """The solver's answer, from the better of two starts."""
@@ -173,11 +212,12 @@ class Synthesizer(Estimator[State]):
         Where the reference tracker's orientation is not measured, features cannot be told
         before a pose has been found without them.
         """
-        query = self._query(state, observation)
+        query, _ = self._query(state, observation)
         if not observation.orientation_mask[self._layout.reference]:
             blind = query._replace(feature_trust=np.zeros_like(query.feature_trust))
             found, _ = self._best_of_starts(blind, state, observation)
-            query = self._query(state._replace(reference=found.reference), observation)
+            query, _ = self._query(found, observation)
+            query = query._replace(history_valid=np.zeros_like(query.history_valid))
         return self._best_of_starts(query, state, observation)
 
     def _best_of_starts(
@@ -196,13 +236,8 @@ class Synthesizer(Estimator[State]):
             solver = SOLVERS[self.settings.solver]
             solutions.append(solver.solve(problem, start, self.settings.max_steps_acquire))
         best = min(solutions, key=lambda found: found.energy if found.ok else np.inf)
-        found = state_at(best.qpos, self.settings.history)
-        return found._replace(
-            covariance=_inverse(best.hessian), reference=self._reference(best.orientations)
-        ), best
-
-    def _reference(self, orientations: Float[ndarray, "J 4"]) -> Float[ndarray, "3 3"]:
-        return quaternions_to_matrices(orientations[self._layout.reference])
+        found = state_at(best.qpos, self.settings.history, len(self.subject.trackers))
+        return found._replace(covariance=_inverse(best.hessian)), best
 
     def _is_far(self, observation: Observation, solution: Solution) -> bool:
         """Whether most trackers are far from where they are synthesized."""
