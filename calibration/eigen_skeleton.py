@@ -40,7 +40,7 @@ _OWN_SPREAD: Final = 0.01
 
 _MEAN_WEIGHTS: Final = (1.0, 3.0, 10.0)
 _SPREAD_WEIGHTS: Final = (4.0, 10.0, 20.0, 40.0, 80.0, 160.0)
-_MOST_VECTORS: Final = 6
+_VECTORS: Final = (1, 2, 3, 4, 6, 9, 12)
 
 # Of Student's t that files are weighed by: large enough to let people differ.
 _TAIL: Final = 5.0
@@ -209,7 +209,7 @@ def find_skeletons(folder: Path) -> dict[str, Float[ndarray, "18"]]:
 def published_prior() -> SkeletonPrior:
     """The eigen-skeleton of the table alone."""
     mean, covariance = published_statistics()
-    return SkeletonPrior.from_covariance(mean, covariance, 3, "published table")
+    return SkeletonPrior.from_covariance(mean, covariance, GROUP_COUNT, "published table")
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,9 +255,7 @@ def choose_shrinkage(
     weights = _weights(logarithms) if weights is None else weights
     choices = [
         Shrinkage(mean, spread, vectors)
-        for mean, spread, vectors in product(
-            _MEAN_WEIGHTS, _SPREAD_WEIGHTS, range(1, _MOST_VECTORS + 1)
-        )
+        for mean, spread, vectors in product(_MEAN_WEIGHTS, _SPREAD_WEIGHTS, _VECTORS)
     ]
     if len(logarithms) < 3:
         return Shrinkage(_MEAN_WEIGHTS[1], _SPREAD_WEIGHTS[-1], 3)

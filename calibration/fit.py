@@ -156,7 +156,7 @@ def fit(session: Session, prior: SkeletonPrior, settings: FitSettings | None = N
     model = CalibrationModel.of(worn)
     whole, count = _padded(session), len(session.holds)
     holds = stacked(whole)
-    start = _start(whole, worn)
+    start = first_guess(whole, worn)
     x = np.zeros(model.shared_size + len(whole.holds) * model.local_size)
     pose_sigma, plant_sigma = settings.pose_sigma, settings.plant_sigma
     root = np.linalg.cholesky(prior.covariance)
@@ -258,7 +258,7 @@ def align(
     return Rotation.from_matrix(R), t, float(left)
 
 
-def _start(session: Session, worn: Subject) -> Start:
+def first_guess(session: Session, worn: Subject) -> Start:
     """The average person in exactly the poses asked for, laid upon the trackers."""
     points = BodyPoints(worn)
     targets = np.array([pose.qpos() for pose in session.poses])

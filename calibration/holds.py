@@ -6,10 +6,10 @@ and every tracker sways with it. White noise shows in differences from frame to 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
@@ -48,6 +48,18 @@ class Hold:
     orientation_mask: Bool[ndarray, " J"]
     frames: int
     sway: float
+
+    def with_order(self, order: Int[ndarray, " J"]) -> "Hold":
+        """The same hold with its trackers in another order."""
+        return replace(
+            self,
+            positions=self.positions[order],
+            quaternions=self.quaternions[order],
+            position_covariances=self.position_covariances[order],
+            orientation_covariances=self.orientation_covariances[order],
+            position_mask=self.position_mask[order],
+            orientation_mask=self.orientation_mask[order],
+        )
 
     @classmethod
     def of_frames(cls, pose: str, frames: Sequence[TrackerFrame]) -> "Hold":

@@ -21,10 +21,9 @@ from localreg.body.skeleton import BONE_NAMES
 from localreg.body.subject import CalibrationRecord, Mount, Subject
 
 REPORTED: Final[dict[str, tuple[str, ...]]] = {
-    "thigh": ("femur",), "shank": ("tibia",), "hip": ("hipjoint",),
-    "back": NINE_BONES["back"], "neck": NINE_BONES["neck"], "head": ("head",),
-    "clavicle": ("clavicle",), "upper arm": ("humerus",), "forearm": ("radius", "wrist"),
-    "hand": ("hand",),
+    "thigh": ("femur",), "shank": ("tibia",), "back": NINE_BONES["back"],
+    "neck": NINE_BONES["neck"], "head": ("head",), "clavicle": ("clavicle",),
+    "upper arm": ("humerus",), "forearm": ("radius", "wrist"), "hand": ("hand",),
 }  # fmt: skip
 """Lengths that people have names for, and the groups that make each."""
 

@@ -220,20 +220,25 @@ def _assign(session: Session, expected: Expectation, scale: float) -> tuple[Sess
     if best == 0 or totals[best] > _CLEARLY * totals[0]:
         return session, []
     order = orders[best]
-    bones = [session.trackers[k].bone for k in order]
+    # Bones stay in their places and trackers move, so that nothing has to be compiled anew.
+    sits = np.argsort(order)
     trackers = tuple(
-        Mount(m.tracker, bone, (0.0, 0.0, 0.0))
-        for m, bone in zip(session.trackers, bones, strict=True)
+        Mount(session.trackers[k].tracker, m.bone, (0.0, 0.0, 0.0))
+        for k, m in zip(sits, session.trackers, strict=True)
     )
     moved = tuple(
-        m.tracker for m, bone in zip(session.trackers, bones, strict=True) if m.bone != bone
+        m.tracker
+        for m, now in zip(session.trackers, order, strict=True)
+        if m.bone != session.trackers[now].bone
     )
     where = _list([f"{m.tracker} on {m.bone}" for m in trackers if m.tracker in moved])
     text = (
         f"trackers {_list(moved)} are exchanged: {where}; the subject has them where they are, "
         "or put them right and begin again"
     )
-    return replace(session, trackers=trackers), [Finding(Kind.EXCHANGED, text, (), moved)]
+    holds = tuple(hold.with_order(sits) for hold in session.holds)
+    put_right = replace(session, trackers=trackers, holds=holds, seen=session.seen[:, sits])
+    return put_right, [Finding(Kind.EXCHANGED, text, (), moved)]
 
 
 def _orders(count: int) -> Any:
