@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy import ndarray
 
 from localreg.database import PoseDatabase
-from localreg.database.neighbours import ExactSearch, Metric, Query
+from localreg.database.neighbours import ExactSearch, Metric, Query, nearest
 from localreg.synthesis.examples import example_source
 from tests.localreg.database.made_motion import make_motion
 
@@ -38,8 +38,10 @@ def problem(seed: int, poses: int = 60, lags: int = 3, columns: int = 7) -> Prob
         rng.normal(size=(lags, 56)),
         rng.random(lags) < 0.7,
         rng.normal(size=columns),
-        rng.random(columns) < rng.choice([0.0, 0.5, 1.0]),
+        rng.random(columns) ** 0.3 * (rng.random(columns) < rng.choice([0.0, 0.5, 1.0])),
     )
+    if rng.random() < 0.5:
+        query = query._replace(feature_trust=np.ceil(query.feature_trust))
     angles, features = rng.normal(size=(poses, 56)), rng.normal(size=(poses, columns))
     return Problem(angles.astype(np.float32), features.astype(np.float32), allowed, metric, query)
 
@@ -54,7 +56,7 @@ def plain_distances(p: Problem) -> ndarray:
                 away = p.metric.history[lag - 1] * (p.angles[row - lag].astype(float) - past)
                 squared[row] += away @ away
         away = p.metric.features * (p.features[row].astype(float) - p.query.features)
-        squared[row] += away[p.query.feature_trust] @ away[p.query.feature_trust]
+        squared[row] += np.sum(np.square(p.query.feature_trust * away))
     return squared
 
 
@@ -77,6 +79,35 @@ def test_the_nearest_are_those_of_a_double_loop(seed, count):
     np.testing.assert_allclose(squared[:found], np.sort(expected)[:found], rtol=CLOSE, atol=CLOSE)
     assert np.all(np.diff(squared[:found]) >= 0.0)
     assert np.all(np.isinf(squared[found:]))
+
+
+@given(seed=st.integers(0, 2**32), queries=st.integers(1, 9))
+@settings(max_examples=50, deadline=None)
+def test_distances_to_several_queries_are_those_to_each(seed, queries):
+    p = problem(seed)
+    asked = [problem(seed + number).query for number in range(queries)]
+    found = search_in(p).squared_distances(asked)
+    assert found.shape == (queries, len(p.angles))
+    for squared, query in zip(found, asked, strict=True):
+        np.testing.assert_allclose(
+            squared, plain_distances(p._replace(query=query)), rtol=CLOSE, atol=CLOSE
+        )
+        assert np.all(np.isfinite(squared) == p.allowed)
+
+
+@pytest.mark.parametrize("count", [1, 5, 13])
+@pytest.mark.parametrize("available", [1, 5, 13])
+def test_the_nearest_of_given_distances(count, available):
+    squared = np.full(40, np.inf, dtype=np.float32)
+    near = np.random.default_rng(7).choice(40, available, replace=False)
+    squared[near] = np.random.default_rng(8).permutation(available) + 0.5
+    rows, distances = nearest(squared, count, min(count, available))
+    finite = min(count, available)
+    np.testing.assert_array_equal(distances[:finite], np.arange(finite) + 0.5)
+    np.testing.assert_array_equal(squared[rows[:finite]], distances[:finite])
+    assert len(rows) == len(distances) == count
+    assert np.all(np.isinf(distances[finite:]))
+    assert np.all(np.isfinite(squared[rows]))
 
 
 @pytest.mark.parametrize("available", [1, 2, 5])
@@ -106,9 +137,7 @@ def test_a_query_out_of_the_database_finds_itself():
     search = ExactSearch(p.angles, p.features, np.arange(200) >= 3, Metric(np.ones(3), np.ones(7)))
     for row in (3, 50, 199):
         past = p.angles[[row - 1, row - 2, row - 3]].astype(float)
-        query = Query(
-            past, np.ones(3, dtype=bool), p.features[row].astype(float), np.ones(7, dtype=bool)
-        )
+        query = Query(past, np.ones(3, dtype=bool), p.features[row].astype(float), np.ones(7))
         rows, squared = search.search(query, 2)
         assert rows[0] == row
         assert squared[0] < 1e-3 < squared[1]
@@ -116,9 +145,7 @@ def test_a_query_out_of_the_database_finds_itself():
 
 def test_a_query_that_knows_nothing_finds_allowed_poses():
     p = problem(4)
-    query = p.query._replace(
-        history_valid=np.zeros(3, dtype=bool), feature_trust=np.zeros(7, dtype=bool)
-    )
+    query = p.query._replace(history_valid=np.zeros(3, dtype=bool), feature_trust=np.zeros(7))
     rows, squared = search_in(p).search(query, 1)
     assert p.allowed[rows[0]]
     assert squared[0] == 0.0
@@ -148,7 +175,7 @@ def test_windows_never_reach_over_the_start_of_a_clip(seed, history):
     source = example_source(database, features, allowed, metric, count=len(database))
     query = Query(
         rng.normal(size=(history, 56)), np.ones(history, dtype=bool),
-        rng.normal(size=5), np.ones(5, dtype=bool),
+        rng.normal(size=5), np.ones(5),
     )  # fmt: skip
     rows, squared = source.search.search(query, len(database))
     found = rows[np.isfinite(squared)]

@@ -189,17 +189,18 @@ def test_a_handful_of_poses_of_two_clips_can_be_learned_from(lesson, database):
 def test_distances_of_partial_queries_are_made_whole(localreg):
     known = localreg.prior.experience
     m, f = len(known.history_share), len(known.feature_share)
-    nothing = np.zeros(m, dtype=bool), np.zeros(f, dtype=bool)
-    everything = np.ones(m, dtype=bool), np.ones(f, dtype=bool)
+    nothing = np.zeros(m, dtype=bool), np.zeros(f)
+    everything = np.ones(m, dtype=bool), np.ones(f)
     assert known.whole_distance(2.0, *everything) == pytest.approx(2.0)
     assert known.whole_distance(2.0, *nothing) == np.inf
     assert known.whole_distance(0.0, everything[0], nothing[1]) == 0.0
     shares = np.concatenate([known.history_share, known.feature_share])
     assert np.all(shares >= 0.0)
     for seed in range(10):
-        mask = np.random.default_rng(seed).random(m + f) < 0.5
-        found = known.whole_distance(2.0, mask[:m], mask[m:])
-        assert found == pytest.approx(2.0 * shares.sum() / shares[mask].sum())
+        rng = np.random.default_rng(seed)
+        valid, trust = rng.random(m) < 0.5, rng.choice([0.0, 0.05, 1.0], f)
+        counted = np.concatenate([valid, trust**2])
+        found = known.whole_distance(2.0, valid, trust)
+        assert found == pytest.approx(2.0 * shares.sum() / (shares @ counted))
         # Knowing less of an equal distance can only mean to be farther away.
-        fewer = mask & (np.random.default_rng(seed + 50).random(m + f) < 0.5)
-        assert known.whole_distance(2.0, fewer[:m], fewer[m:]) >= found
+        assert known.whole_distance(2.0, valid, trust * (rng.random(f) < 0.5)) >= found

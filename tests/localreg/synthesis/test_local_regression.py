@@ -47,7 +47,7 @@ def prior(localreg: Synthesizer) -> LocalRegression:
 
 def knowing(motion: Motion, index: int) -> State:
     """The state of one who knows the last three poses exactly."""
-    state = blank_state(3)
+    state = blank_state(3, 6)
     for frame in motion.qpos[index - 3 : index]:
         state = remember(state, frame)
     return state._replace(covariance=1e-8 * np.eye(62))
@@ -61,7 +61,7 @@ def step_errors(
     drift, errors = None, []
     for index in range(3, 40):
         state = knowing(motion, index)._replace(drift=drift if remembering else None)
-        query = localreg._query(state, _observe(trackers.frame(index)))
+        query = localreg._query(state, _observe(trackers.frame(index)))[0]
         expected = prior.expect(query, state)
         now = motion.qpos[index]
         errors.append(now[7:] - expected.belief.qpos[7:])
@@ -111,7 +111,7 @@ def test_what_is_remembered_is_a_covariance(localreg, trackers):
 
 def test_a_drift_that_is_not_finite_is_forgotten(localreg, prior, trackers):
     state = localreg.init(trackers.frame(0))
-    expected = prior.expect(localreg._query(state, _observe(trackers.frame(1))), state)
+    expected = prior.expect(localreg._query(state, _observe(trackers.frame(1)))[0], state)
     assert expected.drift is not None
     qpos = np.full(63, np.nan)
     assert prior.conclude(expected, qpos, np.eye(62)) is None
@@ -126,7 +126,7 @@ def test_the_belief_is_a_sound_gaussian(localreg, prior, trackers):
     """Symmetric, positive definite, and no wider than the past alone."""
     state = localreg.init(trackers.frame(0))
     for index in range(1, 8):
-        query = localreg._query(state, _observe(trackers.frame(index)))
+        query = localreg._query(state, _observe(trackers.frame(index)))[0]
         belief = prior.expect(query, state).belief
         np.testing.assert_allclose(belief.information, belief.information.T)
         assert np.linalg.eigvalsh(belief.information)[0] > 0.0
@@ -155,7 +155,7 @@ def test_the_prior_trusts_itself_less_on_motion_unlike_the_database(localreg, pr
     spreads = []
     for motion in (walk, made):
         state = knowing(motion, 20)
-        query = localreg._query(state, _observe(simulate_trackers(motion).frame(20)))
+        query = localreg._query(state, _observe(simulate_trackers(motion).frame(20)))[0]
         spreads.append(np.diagonal(prior.expect(query, state).covariance))
     assert np.sqrt(spreads[1]).mean() > 2.0 * np.sqrt(spreads[0]).mean()
 

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
+import jax
 import numpy as np
 import pytest
 from numpy import ndarray
@@ -50,17 +51,11 @@ def assert_equal_poses(one: Pose, other: Pose) -> None:
 
 
 def copied(state: State) -> State:
-    drift = None if state.drift is None else type(state.drift)(*map(np.array, state.drift))
-    return State(*(np.array(part) for part in state[:-2]), drift=drift, lost=state.lost)
+    return jax.tree.map(np.array, state)
 
 
 def assert_equal_states(one: State, other: State) -> None:
-    assert (one.drift is None) == (other.drift is None)
-    for a, b in zip(
-        (*one[:-2], *(one.drift or ())), (*other[:-2], *(other.drift or ())), strict=True
-    ):
-        np.testing.assert_array_equal(a, b)
-    assert one.lost == other.lost
+    jax.tree.map(np.testing.assert_array_equal, one, other)
 
 
 def other_person(subject: Subject) -> Subject:

@@ -55,7 +55,7 @@ def test_no_angle_steps_by_more_than_half_a_turn(prior):
 def test_what_is_stored_is_what_a_query_is_reduced_to(prior, rows, kind):
     inputs = getattr(prior.experience, kind)
     raw = raw_inputs(prior, rows)[:, : len(inputs.noise)]
-    reduced = inputs.reduce(raw, np.ones(len(inputs.noise), dtype=bool))
+    reduced = inputs.reduce(raw, np.ones(len(inputs.noise)))
     np.testing.assert_allclose(reduced, inputs.reduced[rows], rtol=1e-3, atol=1e-2)
 
 
@@ -63,11 +63,11 @@ def test_what_is_stored_is_what_a_query_is_reduced_to(prior, rows, kind):
 def test_what_is_not_known_has_no_part_in_it(prior, rows, kind):
     inputs = getattr(prior.experience, kind)
     raw = raw_inputs(prior, rows)[:, : len(inputs.noise)]
-    known = np.random.default_rng(0).random(len(inputs.noise)) < 0.6
-    garbled = np.where(known, raw, 1e3)
-    np.testing.assert_array_equal(inputs.reduce(raw, known), inputs.reduce(garbled, known))
-    assert np.abs(inputs.reduce(raw, known)).max() > 0.1
-    assert not inputs.reduce(raw, np.zeros(len(known), dtype=bool)).any()
+    trust = (np.random.default_rng(0).random(len(inputs.noise)) < 0.6).astype(float)
+    garbled = np.where(trust > 0.0, raw, 1e3)
+    np.testing.assert_array_equal(inputs.reduce(raw, trust), inputs.reduce(garbled, trust))
+    assert np.abs(inputs.reduce(raw, trust)).max() > 0.1
+    assert not inputs.reduce(raw, np.zeros(len(trust))).any()
 
 
 @pytest.mark.parametrize("kind", ["pose", "step"])
