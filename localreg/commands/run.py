@@ -25,6 +25,8 @@ localreg run --config is900 --subject anna.toml --record take1.mcap
 localreg run --config my.toml --status-port 8900, then: curl 127.0.0.1:8900 and
 curl -X POST 127.0.0.1:8900/recenter
 
+chrt -f 5 localreg run --config is900  (real-time priority on a busy machine, as root)
+
 Copy a configuration that comes along to change it: localreg run --config is900 --show"""
 )
 def run(
