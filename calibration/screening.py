@@ -385,7 +385,7 @@ class PoseJudge:
         ratio = _size(hold.positions[there]) / max(_size(predicted[0]), 1e-9)
         # A person may be larger or smaller; another unit is for the whole session to find.
         scale = float(np.clip(ratio, 0.8, 1.25)) if 0.5 < ratio < 2.0 else ratio
-        left = _residuals(hold.positions[there], scale * predicted)
+        left = _residuals(hold.positions[there], scale * predicted) / scale
         return _explained(hold.pose, self._explanations[hold.pose], left)
 
 
