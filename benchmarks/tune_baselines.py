@@ -41,10 +41,10 @@ from localreg.synthesis.settings import METHODS, Settings
 Axes = Mapping[str, tuple[Any, ...]]
 """Names of settings with the values to try."""
 
-_DEGREES: Final = tuple(radians(value) for value in (1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 12.0))
+_DEGREES: Final = tuple(radians(value) for value in (0.5, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 25.0))
 _PROJECTION: Final[Axes] = {
     "floor": _DEGREES,
-    "neighbours": (20, 40, 60, 100, 200),
+    "neighbours": (20, 40, 60, 100, 200, 400),
     "rank": (3, 6, 10, 20),
     "search_by_trackers": (False, True),
 }
