@@ -65,7 +65,10 @@ def emulate(
     clock_drift: Annotated[float, typer.Option(help="Drift of the device's clock [s/s].")] = 0.0,
     fault: Annotated[
         list[str] | None,
-        typer.Option(help="For example jump,station=3,start=2,duration=1,dx=0.5; may repeat."),
+        typer.Option(
+            help="junk, truncation, corruption, silence, stall, power-cycle, jump, dropout or "
+            "swap, for example jump,station=3,start=2,duration=1,dx=0.5; may repeat."
+        ),
     ] = None,
     control: Annotated[
         bool,

@@ -102,9 +102,23 @@ def check(path: Path) -> None:
         RecordingError: if one bit differs.
     """
     configuration = read_configuration(path)
-    topics: Counter[str] = Counter(m.topic for m in read_recording(path))
+    console = Console()
+    with Console(stderr=True).status("making the frames again"):
+        topics: Counter[str] = Counter(m.topic for m in read_recording(path))
+        count, seconds = _compare(path)
+    console.print(f"{path}: trackers {', '.join(configuration.trackers)}", soft_wrap=True)
+    for topic, n in sorted(topics.items()):
+        console.print(f"  {topic}: {n} messages")
+    if count:
+        console.print(f"{count} frames over {seconds:.1f} s, made again bit for bit")
+    else:
+        console.print("no frames were recorded")
+
+
+def _compare(path: Path) -> tuple[int, float]:
+    """How many frames are the same, and the time they span [s]."""
     made = replay_frames(path)
-    count, first, last = 0, math.nan, math.nan
+    count, first, last = 0, 0.0, 0.0
     for message in read_recording(path, (schemas.FRAMES,)):
         recorded, assembled = message.data, next(made, None)
         if assembled is None:
@@ -123,11 +137,4 @@ def check(path: Path) -> None:
                 "another version?"
             )
         first, last, count = (frame.time if count == 0 else first), frame.time, count + 1
-    console = Console()
-    console.print(f"{path}: trackers {', '.join(configuration.trackers)}", soft_wrap=True)
-    for topic, n in sorted(topics.items()):
-        console.print(f"  {topic}: {n} messages")
-    if count:
-        console.print(f"{count} frames over {last - first:.1f} s, made again bit for bit")
-    else:
-        console.print("no frames were recorded")
+    return count, last - first

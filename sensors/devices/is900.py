@@ -14,6 +14,7 @@ from typing import Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
+from sensors.arrival_clock import ArrivalClock
 from sensors.chunk import Chunk
 from sensors.clock import DeviceClock
 from sensors.devices.base import ChunkSink, ThreadedDevice
@@ -40,7 +41,8 @@ class Is900Config(DeviceSettings):
         stations: station number of each tracker name, 1 to 12, for example `{head = 1}`.
             Empty: all stations that are on, named after their numbers.
         baud: line rate [bit/s].
-        items: output list. The default, position, quaternion, tracking status, time and CR
+        items: output list. Without item 21, the time, captures are dated by the even beat
+            behind the arrivals. The default, position, quaternion, tracking status, time and CR
             LF, is 38 bytes: six stations at 50 Hz on 115200 baud.
         prediction: prediction by the device, 0 to 50 [ms].
         transport_delay: smallest time from capture to arrival, subtracted from time stamps
@@ -110,6 +112,7 @@ class Is900Decoder(Decoder):
     def __init__(self, config: Is900Config) -> None:
         super().__init__(config)
         self.clock = DeviceClock()
+        self._beats: dict[int, ArrivalClock] = {}
         self._transport_delay = 0.0
         self._parser = Parser({})
 
@@ -121,6 +124,7 @@ class Is900Decoder(Decoder):
         self._parser.counters = self.counters.parser
         self._transport_delay = float(opening["transport_delay"])
         self.clock.reset()
+        self._beats.clear()
 
     def feed(self, chunk: Chunk) -> list[Received]:
         """Decode records; answers are passed over."""
@@ -137,7 +141,10 @@ class Is900Decoder(Decoder):
         name = self.name_of(str(record.station))
         if name is None or p is None or q is None:
             return
-        captured = arrival if device_time is None else self.clock.update(device_time, arrival)
+        if device_time is None:
+            captured = self._beats.setdefault(record.station, ArrivalClock()).update(arrival)
+        else:
+            captured = self.clock.update(device_time, arrival)
         quality = 1.0 if record.tracking_status is None else record.tracking_status
         p, q = flip_position(p), flip_quaternion(q)
         time = captured - self._transport_delay

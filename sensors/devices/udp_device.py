@@ -58,8 +58,7 @@ class UdpDevice(ThreadedDevice[UdpLink]):
         records = parser.records
         while self._running():
             foreign = link.foreign
-            data = link.read(_MAX_WAIT)
-            arrival = time.monotonic()
+            data, arrival = link.read(_MAX_WAIT)
             self.counters.foreign += link.foreign - foreign
             if data:
                 self._take(Chunk(arrival, data))

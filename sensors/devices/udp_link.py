@@ -1,12 +1,22 @@
 """A UDP port that hears what one sender, or anybody, says."""
 
+import contextlib
 import os
 import select
 import socket
+import struct
+import time
+from collections.abc import Sequence
 
 from sensors.errors import ConnectionFailedError, LinkLostError
 
 _LARGEST = 65536
+# Linux: the kernel notes when a datagram came. Not among Python's constants.
+_SO_TIMESTAMPNS = 35
+_TIMESPEC = struct.Struct("@qq")
+_NOTES = socket.CMSG_SPACE(_TIMESPEC.size)
+# A note older than this speaks of a clock that was set meanwhile.
+_OLDEST = 10.0
 
 
 class UdpLink:
@@ -37,18 +47,21 @@ class UdpLink:
                 "the other program that has it, or choose another port"
             ) from error
         self._socket.setblocking(False)
+        with contextlib.suppress(OSError):
+            self._socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
         self._wake_read, self._wake_write = os.pipe()
         self.port: int = self._socket.getsockname()[1]
 
-    def read(self, timeout: float) -> bytes:
+    def read(self, timeout: float) -> tuple[bytes, float]:
         """The next datagram.
 
         Args:
             timeout: longest wait [s].
 
         Returns:
-            Its bytes; empty after the timeout or `wake`, for a datagram without bytes, and
-            for other senders, which count in `foreign`.
+            Its bytes, and when it arrived on the host's monotonic clock [s], even if nobody
+            had time to read it then. Empty after the timeout or `wake`, for a datagram without
+            bytes, and for other senders, which count in `foreign`.
 
         Raises:
             LinkLostError: if the port is gone.
@@ -56,16 +69,16 @@ class UdpLink:
         try:
             ready, _, _ = select.select([self._socket, self._wake_read], [], [], timeout)
             if self._socket not in ready:
-                return b""
-            data, (address, *_) = self._socket.recvfrom(_LARGEST)
+                return b"", time.monotonic()
+            data, notes, _, (address, *_) = self._socket.recvmsg(_LARGEST, _NOTES)
         except BlockingIOError:
-            return b""
+            return b"", time.monotonic()
         except (OSError, ValueError) as error:
             raise LinkLostError(f"the UDP port is lost: {error}") from error
         if self._senders and address not in self._senders:
             self.foreign += 1
-            return b""
-        return data
+            return b"", time.monotonic()
+        return data, _arrival(notes)
 
     def wake(self) -> None:
         """Let `read` return at once, now and from now on; from any thread."""
@@ -86,3 +99,15 @@ def _addresses(name: str) -> frozenset[str]:
             f"the sender {name} has no address: {error.strerror or error}; give its IP address"
         ) from error
     return frozenset(str(address[0]) for *_, address in found)
+
+
+def _arrival(notes: Sequence[tuple[int, int, bytes]]) -> float:
+    """Monotonic time of a datagram's arrival [s], by the kernel's note if there is one."""
+    now = time.monotonic()
+    for level, kind, data in notes:
+        if (level, kind, len(data)) == (socket.SOL_SOCKET, _SO_TIMESTAMPNS, _TIMESPEC.size):
+            seconds, nanoseconds = _TIMESPEC.unpack(data)
+            age = time.time() - (seconds + 1e-9 * nanoseconds)
+            if 0.0 <= age < _OLDEST:
+                return now - age
+    return now

@@ -11,9 +11,12 @@ from pythonosc import osc_bundle_builder, osc_message_builder
 
 from sensors import rotation
 from sensors.arrival_clock import ArrivalClock
+from sensors.chunk import Chunk
 from sensors.devices.axes import to_world
+from sensors.devices.is900 import Is900Config, Is900Decoder
 from sensors.errors import MalformedRecordError
 from sensors.protocols import is900_udp, osc, unity, vrpn
+from sensors.protocols.is900 import Item, Record, layout_variants
 from sensors.protocols.is900.axes import flip_position, flip_quaternion
 
 GOLDEN = bytes.fromhex(
@@ -185,6 +188,23 @@ def test_the_beat_behind_uneven_arrivals():
     lost = frozenset(rng.choice(1000, 50, replace=False).tolist())
     assert beat(1000, 0.025, delays, lost) < 0.6 * np.std(delays)
     assert beat(1000, 0.0111, 0.3 * delays, frozenset()) < 0.6 * np.std(0.3 * delays)
+
+
+def test_an_is900_without_time_stamps_keeps_the_beat():
+    items = (2, 11, 1)
+    (layout,) = layout_variants(items)
+    values = {Item.POSITION: (1.0, 2.0, 3.0), Item.QUATERNION: (1.0, 0.0, 0.0, 0.0)}
+    data = layout.encode(Record(1, " ", values))
+    decoder = Is900Decoder(Is900Config(port="x", items=items, stations={"head": 1}))
+    opening = {"lists": {"1": list(items)}, "transport_delay": 0.002}
+    decoder.take(Chunk(0.0, opening=opening))
+    delays = np.random.default_rng(4).gamma(1.0, 0.002, 600)
+    times = []
+    for k, delay in enumerate(delays):
+        ((sample, arrival),) = decoder.take(Chunk(0.02 * k + float(delay), data))
+        assert sample.time <= arrival - 0.002 + 1e-12
+        times.append(sample.time - 0.02 * k)
+    assert np.std(times[200:]) < 0.6 * np.std(delays[200:])
 
 
 def test_the_beat_survives_pauses_and_steps():
