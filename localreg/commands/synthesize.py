@@ -27,8 +27,8 @@ def synthesize(
         str,
         typer.Argument(
             metavar="INPUT",
-            help="A recording of localreg run (.mcap), or a motion file whose trackers are "
-            "simulated.",
+            help="A recording (.mcap) of localreg run or localreg sensors record, or a motion "
+            "file whose trackers are simulated.",
         ),
     ],
     out: Annotated[Path, typer.Option(help="The motion file to write; its ending says the kind.")],
@@ -76,8 +76,9 @@ def synthesize(
     """Synthesize the motion of a whole body from six trackers and write it to a file.
 
     A recording of `localreg run` is solved again from its raw bytes: with the same method,
-    subject and database to the very poses that were seen live, or with others, or smoother.
-    Of a motion file the trackers are simulated, with noise, and how far the result is from
+    subject and database to the very poses that were seen live, or with others, or smoother. A
+    recording of trackers alone (`localreg sensors record`) is solved for the first time. Of a
+    motion file the trackers are simulated, with noise, and how far the result is from
     that motion is printed.
     """
     from localreg.motion.formats import writable_suffixes
@@ -170,7 +171,7 @@ def _synthesize_recording(
     from localreg.errors import LocalregError
     from localreg.live.database_choice import choose_database
     from localreg.live.retake import largest_difference, solve_again
-    from localreg.live.take import Take
+    from localreg.live.take import NoTakeError, Take
     from localreg.motion.formats import write_motion
     from localreg.synthesis.methods import METHODS, build_synthesizer
     from sensors.recording.replay import replay_frames
@@ -179,12 +180,16 @@ def _synthesize_recording(
         raise typer.BadParameter(
             f"no method named {method}; choose among {', '.join(METHODS)}", param_hint="--method"
         )
-    take = Take.read(source)
     chosen = choose_database(database)
+    try:
+        take = Take.read(source)
+    except NoTakeError:
+        wearer = chosen.subject if subject is None else read_subject(subject)
+        take = Take.of_trackers(source, wearer)
     if chosen.poses.rate != take.database["rate"]:
         raise LocalregError(
-            f"the take is at {take.database['rate']:g} Hz and the database at "
-            f"{chosen.poses.rate:g} Hz; name one of the take's rate by --database"
+            f"the recording is at {take.database['rate']:g} Hz and the database at "
+            f"{chosen.poses.rate:g} Hz; name one of the recording's rate by --database"
         )
     wearer = take.subject
     if subject is not None:
@@ -192,7 +197,7 @@ def _synthesize_recording(
     settings = take.settings if method is None else METHODS[method]
     is_same_database = chosen.identity == take.database["identity"]
     is_repetition = is_same_database and subject is None and settings == take.settings
-    if not is_same_database:
+    if take.indices and not is_same_database:
         notes().print(
             f"the take was made with another database ({take.database['source']}, "
             f"{take.database['poses']} poses), so its poses will differ; name that one by "

@@ -30,10 +30,11 @@ from localreg.live.database_choice import ChosenDatabase
 from localreg.live.performance import Search
 from localreg.live.performance_config import PerformanceConfig
 from localreg.live.sinks.base import LivePose
-from localreg.synthesis.settings import Settings
+from localreg.synthesis.settings import METHODS, Settings
 from sensors.assembler import AssembledFrame
 from sensors.placement import RoomTransform
 from sensors.recording import Recorder, read_recording
+from sensors.recording.replay import read_configuration
 from sensors.recording.schemas import FRAMES, object_schema
 
 TAKE: Final = "/take"
@@ -46,6 +47,9 @@ PASSED_OVER: Final = "passed over"
 
 VERSION: Final = 1
 """Version of the layout of these channels."""
+
+DEFAULT_METHOD: Final = "localreg"
+"""How poses are made where nobody says."""
 
 _NUMBER: Final = {"type": "number"}
 _INTEGER: Final = {"type": "integer"}
@@ -148,6 +152,10 @@ class TakeRecorder:
         self._placement.write(message, live.frame.time)
 
 
+class NoTakeError(LocalregError):
+    """A recording that does not say how poses were made: nobody made any."""
+
+
 @dataclass(frozen=True, eq=False)
 class Take:
     """How the poses of a recording were made.
@@ -184,7 +192,8 @@ class Take:
         """Read these channels of a recording, complete or cut off.
 
         Raises:
-            LocalregError: it holds none of them, or they are another version's.
+            NoTakeError: it holds trackers only.
+            LocalregError: it is of another version.
             SensorError: it is no recording.
         """
         document: dict[str, Any] | None = None
@@ -208,9 +217,9 @@ class Take:
                 indices.append(data["index"])
                 rows.append(data["qpos"])
         if document is None:
-            raise LocalregError(
+            raise NoTakeError(
                 f"{path} is no take of localreg run: it does not say how poses were made; "
-                "localreg sensors replay can play its trackers"
+                "localreg synthesize can make some of its trackers"
             )
         if document["version"] != VERSION:
             raise LocalregError(
@@ -228,6 +237,33 @@ class Take:
             frames=frames,
             indices=tuple(indices),
             qpos=np.array(rows, dtype=float).reshape(len(rows), QPOS_SIZE),
+        )
+
+    @classmethod
+    def of_trackers(cls, path: Path, subject: Subject) -> Self:
+        """A recording of trackers alone, as if nobody had looked on.
+
+        Args:
+            path: the recording.
+            subject: who wore the trackers.
+
+        Raises:
+            SubjectError: the subject does not wear one of them.
+            SensorError: it is no recording.
+        """
+        recorded = read_configuration(path)
+        return cls(
+            program=program_version(),
+            method=DEFAULT_METHOD,
+            settings=METHODS[DEFAULT_METHOD],
+            performance=PerformanceConfig(),
+            subject=subject.with_trackers(recorded.trackers),
+            database={"identity": "", "rate": recorded.assembler.rate},
+            searches={},
+            placements={},
+            frames=sum(1 for _ in read_recording(path, (FRAMES,))),
+            indices=(),
+            qpos=np.zeros((0, QPOS_SIZE)),
         )
 
     def placement(self, index: int) -> RoomTransform | None:

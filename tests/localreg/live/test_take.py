@@ -8,17 +8,19 @@ import pytest
 
 from localreg.body.subject import Subject
 from localreg.database.store import PoseDatabase
-from localreg.errors import LocalregError
+from localreg.errors import LocalregError, SubjectError
 from localreg.live.database_choice import ChosenDatabase, choose_database, identity
 from localreg.live.performance_config import PerformanceConfig
 from localreg.live.recenter import Recentering
 from localreg.live.retake import Retake, largest_difference, solve_again
 from localreg.live.session import Session
 from localreg.live.sinks import Sink
-from localreg.live.take import PASSED_OVER, Take, TakeRecorder
+from localreg.live.take import PASSED_OVER, NoTakeError, Take, TakeRecorder
 from localreg.motion.motion import Motion
 from localreg.synthesis.settings import METHODS
 from sensors.assembler import AssembledFrame
+from sensors.devices.is900 import Is900Config
+from sensors.placement import Placement
 from sensors.recording import Recorder
 from tests.localreg.live.poses import random_qpos
 from tests.localreg.live.scripted import (
@@ -180,12 +182,25 @@ def test_the_motion_is_smoothed_on_the_way(tmp_path: Path, chosen: ChosenDatabas
         again(take, FRAMES).motion(take, SUBJECT, path, 20.0)
 
 
-def test_a_recording_of_trackers_alone_is_no_take(tmp_path: Path):
+def test_a_recording_of_trackers_alone_is_solved_for_the_first_time(tmp_path: Path):
     path = tmp_path / "trackers.mcap"
+    names = ("torso", "head", "lhand")
+    device = Is900Config(
+        name="is900", port="nowhere", stations=dict(zip(names, (1, 2, 3), strict=True))
+    )
     with Recorder(path) as recorder:
-        recorder.frame(arrived(0), 0)
-    with pytest.raises(LocalregError, match=r"no take of localreg run.*sensors replay"):
+        room = Placement().model_dump(mode="json")
+        recorder.configuration(names, [device.model_dump(mode="json")], {"rate": 50.0}, room)
+        for n in range(5):
+            recorder.frame(arrived(n), 0)
+    with pytest.raises(NoTakeError, match=r"no take of localreg run.*localreg synthesize"):
         Take.read(path)
+    take = Take.of_trackers(path, SUBJECT)
+    assert take.subject.trackers == names
+    assert (take.frames, take.indices, take.database["rate"]) == (5, (), 50.0)
+    assert take.settings == METHODS["localreg"]
+    with pytest.raises(SubjectError, match="no tracker named torso"):
+        Take.of_trackers(path, SUBJECT.with_trackers(("head", "lhand")))
 
 
 @pytest.mark.parametrize(
