@@ -6,6 +6,7 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
+import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -34,7 +35,8 @@ def record(config: SensorsConfig, path: Path, seconds: float, wait: bool) -> Non
 
     Raises:
         ConnectionFailedError: if a device cannot be opened, or reports no station.
-        RecordingError: if the file cannot be made or written.
+        RecordingError: if the file cannot be made.
+        typer.Exit: with code 1, if it could not be written to the end.
     """
     config = _with_stations(config, wait)
     console = Console(stderr=True)
@@ -49,7 +51,8 @@ def record(config: SensorsConfig, path: Path, seconds: float, wait: bool) -> Non
             trackers.stop()
     c, frames = recorder.counters, trackers.assembler.counters.frames
     if recorder.error:
-        raise RecordingError(recorder.error)
+        # The recorder has said why.
+        raise typer.Exit(1)
     lost = f", {c.lost} messages lost" if c.lost else ""
     Console().print(f"{path}: {frames} frames, {c.bytes / 1e6:.1f} MB{lost}", soft_wrap=True)
 
