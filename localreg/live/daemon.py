@@ -149,8 +149,6 @@ def _warm_estimator(
 
 def _recorder(record: tuple[Path, ...], stack: contextlib.ExitStack) -> Recorder | None:
     recordings = [path for path in record if path.suffix.lower() == RECORDING]
-    if len(recordings) > 1:
-        raise LocalregError("one recording at a time; give --record one file ending in .mcap")
     return stack.enter_context(Recorder(recordings[0])) if recordings else None
 
 

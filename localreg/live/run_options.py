@@ -10,12 +10,13 @@ from pathlib import Path
 from localreg.body.subject import Subject, canonical_subject, read_subject
 from localreg.errors import LocalregError
 from localreg.live.config import RunConfig
+from localreg.live.sinks.motion_stream import GROWING
 from localreg.synthesis.settings import METHODS
 from sensors.devices.replay import ReplayConfig
 from sensors.recording.replay import read_configuration
 
 RECORDING = ".mcap"
-"""Ending of a recording of everything; other endings are motion files."""
+"""Ending of a recording of everything."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,8 +55,25 @@ def wearer_of(config: RunConfig, options: RunOptions) -> Subject:
         )
     if options.seconds is not None and not 0.0 < options.seconds < math.inf:
         raise LocalregError(f"cannot run for {options.seconds:g} s; give a positive time")
+    _check_files(options)
     subject = options.subject
     return wearing(canonical_subject() if subject is None else read_subject(subject), config)
+
+
+def _check_files(options: RunOptions) -> None:
+    """Whether the files to write can be what they are named, and are not there yet."""
+    for path in options.record:
+        if path.suffix.lower() not in (RECORDING, *GROWING):
+            raise LocalregError(
+                f"cannot record to {path}; give files ending in {RECORDING} (everything), "
+                f"{' or '.join(GROWING)} (the motion)"
+            )
+    if sum(path.suffix.lower() == RECORDING for path in options.record) > 1:
+        raise LocalregError(f"one recording at a time; give one file ending in {RECORDING}")
+    health = () if options.health in (None, "-") else (Path(options.health),)
+    for path in (*options.record, *health):
+        if path.exists():
+            raise LocalregError(f"{path} exists and is not overwritten; give another name")
 
 
 def wearing(subject: Subject, config: RunConfig) -> Subject:

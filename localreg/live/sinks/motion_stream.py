@@ -20,8 +20,8 @@ from localreg.motion.formats.asf import format_asf
 from localreg.motion.formats.axes import rotations_to_y_up
 from localreg.motion.joint_angles import euler_zyx
 
-SUFFIXES: Final = (".bvh", ".amc")
-"""Kinds of motion files that can grow."""
+GROWING: Final = (".bvh", ".amc")
+"""Endings of motion files that can grow."""
 
 _LONGEST_GAP: Final = 2400
 """Most frames repeated at once: a minute at 40 Hz; after a longer pause time is lost."""
@@ -73,10 +73,10 @@ class MotionStream(Sink):
         self._frames = 0
         self._last: int | None = None
         self._is_bvh = path.suffix.lower() == ".bvh"
-        if path.suffix.lower() not in SUFFIXES:
+        if path.suffix.lower() not in GROWING:
             raise LocalregError(
                 f"cannot write {path} while the motion goes on; give a file ending in "
-                f"{' or '.join(SUFFIXES)}"
+                f"{' or '.join(GROWING)}"
             )
         head = bvh.head(subject, rate, "0".rjust(_COUNT_WIDTH)) + "\n"
         self._count_at = head.index("Frames: ") + len("Frames: ")

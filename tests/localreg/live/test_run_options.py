@@ -79,6 +79,31 @@ def test_what_cannot_be_is_said(method: str, seconds: float | None, words: str):
         wearer_of(config({"head": 1}, method), RunOptions(seconds=seconds))
 
 
+@pytest.mark.parametrize(
+    ("record", "health", "words"),
+    [
+        (("a.c3d",), None, r"cannot record to a\.c3d; .*\.mcap.*\.bvh or \.amc"),
+        (("a.mcap", "b.mcap"), None, "one recording at a time"),
+        (("there.bvh",), None, r"there\.bvh exists and is not overwritten"),
+        (("new.mcap",), "there.bvh", r"there\.bvh exists and is not overwritten"),
+    ],
+)
+def test_files_are_looked_at_before_anything_is_opened(
+    record: tuple[str, ...],
+    health: str | None,
+    words: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+):
+    monkeypatch.chdir(tmp_path)
+    Path("there.bvh").write_text("precious")
+    options = RunOptions(record=tuple(map(Path, record)), health=health)
+    with pytest.raises(LocalregError, match=words):
+        wearer_of(config({"head": 1}), options)
+    good = RunOptions(record=(Path("a.mcap"), Path("a.bvh"), Path("a.amc")), health="-")
+    wearer_of(config({"head": 1}), good)
+
+
 def test_checking_loads_neither_jax_nor_mujoco():
     program = (
         "import sys\n"
