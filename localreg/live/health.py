@@ -209,6 +209,7 @@ class Notices:
     def __init__(self) -> None:
         self._states: dict[str, str] = {}
         self._sink_error = ""
+        self._is_loss_told = False
 
     def of(self, document: dict[str, Any]) -> list[str]:
         """The sentences on what is new since the last look."""
@@ -225,6 +226,14 @@ class Notices:
         if document["last_sink_error"] != self._sink_error:
             self._sink_error = document["last_sink_error"]
             notices.append(self._sink_error)
+        recording = document["recording"]
+        # A recording that ended early says so itself, and what it loses from then on is meant.
+        if recording and recording["lost"] and not recording["error"] and not self._is_loss_told:
+            self._is_loss_told = True
+            notices.append(
+                f"the recording {recording['file']} has lost {recording['lost']} messages, for the "
+                "disk is too slow; what is lost is counted, and the motion goes on"
+            )
         return notices
 
 

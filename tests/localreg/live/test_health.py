@@ -12,9 +12,11 @@ from localreg.live.health import HealthReport, Notices, resident_memory
 from localreg.live.service_manager import notify
 
 
-def look(state: str = "streaming", error: str = "", sink: str = "") -> dict:
+def look(
+    state: str = "streaming", error: str = "", sink: str = "", recording: dict | None = None
+) -> dict:
     device = {"name": "is900", "state": state, "last_error": error}
-    return {"devices": [device], "last_sink_error": sink}
+    return {"devices": [device], "last_sink_error": sink, "recording": recording}
 
 
 def test_a_device_that_is_lost_and_comes_back_is_told_once_each():
@@ -48,6 +50,20 @@ def test_a_sink_that_fails_is_told_once():
     notices = Notices()
     assert notices.of(look(sink="take.bvh stopped")) == ["take.bvh stopped"]
     assert notices.of(look(sink="take.bvh stopped")) == []
+
+
+def test_a_recording_that_loses_messages_is_told_once():
+    notices = Notices()
+    good = {"file": "take.mcap", "lost": 0, "error": ""}
+    assert notices.of(look(recording=good)) == []
+    (notice,) = notices.of(look(recording={**good, "lost": 7}))
+    assert "take.mcap has lost 7 messages" in notice
+    assert notices.of(look(recording={**good, "lost": 9})) == []
+
+
+def test_what_a_recording_loses_after_its_end_is_no_news():
+    ended = {"file": "take.mcap", "lost": 7, "error": "the disk is full"}
+    assert Notices().of(look(recording=ended)) == []
 
 
 def test_the_service_manager_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
