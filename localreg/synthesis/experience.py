@@ -43,6 +43,7 @@ _BATCH: Final = 32  # queries of one matrix product
 _FIRST_LOOK: Final = 100  # predictions that the noise of past poses is first learned from
 _LASTING: Final = 0.7  # share of that noise that stays from pose to pose ...
 _PASSING: Final = 0.15  # ... and share that does not
+_STILL: Final = np.radians(0.2)  # angles expected to err less say nothing of caution
 _LEAST_NOISE: Final = np.radians(0.5)
 
 
@@ -55,6 +56,8 @@ class Rehearsal(NamedTuple):
         history_share: the same along each lag of the past.
         pose_errors: with each ridge of `POSE_RIDGES` [rad].
         step_errors: with each ridge of `STEP_RIDGES`.
+        pose_known: variances that the pose regression itself gave its errors; zero where
+            it was not asked [rad^2].
     """
 
     squared_distance: Float[ndarray, " Q"]
@@ -62,6 +65,7 @@ class Rehearsal(NamedTuple):
     history_share: Float[ndarray, "Q m"]
     pose_errors: Float[ndarray, "Q r 56"]
     step_errors: Float[ndarray, "Q s 62"]
+    pose_known: Float[ndarray, "Q 56"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +81,7 @@ class Experience:
         pose_growth: covariance of the pose's errors per squared distance [rad^2].
         step_growth: covariance of the step's errors per squared distance; root translation
             in the root's axes.
+        caution: how large errors of the pose regression are in units of what is predicted.
         usual: the squared distance that nine in ten database poses keep from their
             neighbours.
         feature_share: what each feature column adds to a squared distance on average.
@@ -90,6 +95,7 @@ class Experience:
     step_ridge: Int[ndarray, "62"]
     pose_growth: Float[ndarray, "56 56"]
     step_growth: Float[ndarray, "62 62"]
+    caution: float
     usual: float
     feature_share: Float[ndarray, " f"]
     history_share: Float[ndarray, " m"]
@@ -120,19 +126,22 @@ def learn(
     )
     angle_noise = np.full(DOF_COUNT, settings.history_noise)
     rows = _spread(source, settings.rehearsals)
+    ridge = None
     for look in (rows[:: max(1, len(rows) // _FIRST_LOOK)], rows):
         noise = np.concatenate([np.tile(angle_noise, settings.history), feature_noise])
         pose = pose_inputs(
             database, source.features, targets, settings.history, noise, settings.components
         )
-        found = _rehearse(source, settings, look, angle_noise, pose, step, transitions)
+        found = _rehearse(source, settings, look, angle_noise, pose, step, transitions, ridge)
         familiar = 1.0 / np.maximum(found.squared_distance, _NEAREST)
         pose_ridge = _best_ridge(found.pose_errors, familiar)
         pose_errors = found.pose_errors[:, pose_ridge, np.arange(DOF_COUNT)]
         if look is not rows:
             spread = pose_errors.T @ pose_errors / len(pose_errors)
             angle_noise = _heard(spread, chain, source, look, settings)
+        ridge = pose_ridge
     step_ridge = _best_ridge(found.step_errors, familiar)
+    growth = (pose_errors * familiar[:, None]).T @ pose_errors / len(pose_errors)
     step_errors = found.step_errors[:, step_ridge, np.arange(TANGENT_SIZE)]
     return Experience(
         pose=pose,
@@ -140,12 +149,30 @@ def learn(
         steps=transitions,
         pose_ridge=pose_ridge,
         step_ridge=step_ridge,
-        pose_growth=(pose_errors * familiar[:, None]).T @ pose_errors / len(pose_errors),
+        pose_growth=growth,
         step_growth=(step_errors * familiar[:, None]).T @ step_errors / len(step_errors),
+        caution=_caution(pose_errors, found, growth),
         usual=float(np.quantile(found.squared_distance, 0.9)),
         feature_share=found.feature_share.mean(axis=0),
         history_share=found.history_share.mean(axis=0),
     )
+
+
+def _caution(
+    errors: Float[ndarray, "Q 56"],
+    found: Rehearsal,
+    growth: Float[ndarray, "56 56"],
+) -> float:
+    """How large errors are in units of what is predicted for them.
+
+    Below 1, since what grows with distance holds all of the errors, and what a regression
+    knows of them is added: caution that pays where errors of consecutive frames are alike.
+    """
+    variance = found.pose_known + found.squared_distance[:, None] * np.diagonal(growth)
+    moves = variance > _STILL**2
+    if not moves.any():
+        return 1.0
+    return float(np.sqrt(np.mean(np.square(errors[moves]) / variance[moves])))
 
 
 def _spread(source: ExampleSource, count: int) -> Int[ndarray, " Q"]:
@@ -169,6 +196,7 @@ def _rehearse(
     pose: Inputs,
     step: Inputs,
     transitions: Float[ndarray, "N 62"],
+    ridge: Int[ndarray, "56"] | None,
 ) -> Rehearsal:
     """Predict each row from the database without its own clip and that clip's copies."""
     database = source.database
@@ -198,7 +226,9 @@ def _rehearse(
             if available <= int(NEAR * settings.neighbours):
                 continue
             near = nearest(squared, available, available)
-            found.append(_predict(source, settings, row, query, near, pose, step, transitions))
+            found.append(
+                _predict(source, settings, row, query, near, pose, step, transitions, ridge)
+            )
     if not found:
         return _nothing(settings, len(feature_noise))
     return Rehearsal(*map(np.array, zip(*found, strict=True)))
@@ -213,6 +243,7 @@ def _predict(
     pose: Inputs,
     step: Inputs,
     transitions: Float[ndarray, "N 62"],
+    ridge: Int[ndarray, "56"] | None,
 ) -> tuple[Any, ...]:
     """One row's entries of a `Rehearsal`."""
     database = source.database
@@ -223,6 +254,9 @@ def _predict(
     x = pose.reduce(np.concatenate([raw, query.features]), trust)
     X = pose.reduced[rows].astype(float)
     fit = LocalFit(X, database.angles[rows].astype(float), weights, within_reach(X, weights, x))
+    known = np.zeros(DOF_COUNT)
+    if ridge is not None:
+        known = np.diagonal(fit.normal(POSE_RIDGES, ridge).covariance)
     errors = database.angles[row] - fit.predictions(POSE_RIDGES)
     # The past before a step is known better than its share of lasting noise says.
     past = database.histories(np.array([row]), settings.history)[0].ravel().astype(float)
@@ -239,6 +273,7 @@ def _predict(
         np.square(metric.history) * np.square(apart).sum(axis=1),
         errors - 2.0 * np.pi * np.round(errors / (2.0 * np.pi)),
         step_errors,
+        known,
     )
 
 
@@ -253,6 +288,7 @@ def _nothing(settings: Settings, features: int) -> Rehearsal:
         np.ones((count, settings.history)),
         np.repeat(np.radians(10.0) * wrong[:, None, :DOF_COUNT], len(POSE_RIDGES), axis=1),
         np.repeat(np.radians(1.0) * wrong[:, None], len(STEP_RIDGES), axis=1),
+        np.zeros((count, DOF_COUNT)),
     )
 
 

@@ -130,6 +130,7 @@ class LocalRegression(Prior):
             belief=Belief(qpos, np.linalg.solve(information, pull), information, self.limits),
             covariance=covariance,
             drift=Drift(mean, spread, cross),
+            caution=self.experience.caution,
             confidence=min(1.0, self.experience.usual / max(distance, 1e-9)),
         )
 

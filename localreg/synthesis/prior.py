@@ -27,12 +27,14 @@ class Expectation(NamedTuple):
         covariance: of the deviation from the expected pose by the past alone; None for
             priors that carry nothing on.
         drift: how the past's prediction is expected to be wrong; the prior's own business.
+        caution: how large errors are in units of what the belief predicts.
         confidence: 0 to 1, how well the database knows what is being seen; NaN without one.
     """
 
     belief: Belief
     covariance: Float[ndarray, "62 62"] | None = None
     drift: Any = None
+    caution: float = 1.0
     confidence: float = float("nan")
 
 

@@ -266,7 +266,8 @@ class Synthesizer(Estimator[State]):
             position_residuals=distances,
             orientation_residuals=angles,
             confidence=expectation.confidence * float(np.mean(measured)),
-            predicted_sigma=np.sqrt(np.diagonal(np.asarray(state.covariance))[6:]),
+            predicted_sigma=expectation.caution
+            * np.sqrt(np.diagonal(np.asarray(state.covariance))[6:]),
             steps=solution.steps,
             result=result,
         )
