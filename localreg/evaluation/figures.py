@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator
 from numpy import ndarray
 
 from localreg.evaluation.metrics import SETTLING_FRAMES
@@ -125,9 +126,11 @@ def series_curves(series: Series, curves: Sequence[Curve]) -> bytes:
         for number, curve in enumerate(curves):
             error = getattr(curve, field)
             values.append(error)
-            dashes = "--" if curve.method.endswith("-squares") else "-"
+            style = "--" if curve.method.endswith("-squares") else "-"
+            # Places without a measure have nothing between them.
+            style = style if series.is_measure else "none"
             place = [point.value for point in series.points]
-            axes.plot(place, error, dashes if series.is_measure else "", marker="o", markersize=4.5,
+            axes.plot(place, error, linestyle=style, marker="o", markersize=4.5,
                       color=color(curve.method, number), label=curve.method)  # fmt: skip
         if not series.is_measure:
             labels = [point.label for point in series.points]
@@ -136,6 +139,9 @@ def series_curves(series: Series, curves: Sequence[Curve]) -> bytes:
         finite = finite[np.isfinite(finite) & (finite > 0.0)]
         if finite.size and finite.max() > 20.0 * finite.min():
             axes.set_yscale("log")
+            axes.yaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
+            for formatted in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
+                formatted(FuncFormatter(lambda value, _: f"{value:g}"))
         else:
             axes.set_ylim(bottom=0.0)
         axes.set_xlabel(series.axis, color=_INK)
@@ -192,7 +198,7 @@ def _legend(sheet: Figure) -> None:
 def _tidy(axes: Any) -> None:
     axes.grid(axis="y", color=_GRID, linewidth=0.8)
     axes.set_axisbelow(True)
-    axes.tick_params(colors=_SOFT, labelsize=8, length=0)
+    axes.tick_params(which="both", colors=_SOFT, labelsize=8, length=0)
     axes.xaxis.label.set_size(9)
     axes.yaxis.label.set_size(9)
     for spine in axes.spines.values():

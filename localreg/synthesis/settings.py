@@ -123,6 +123,13 @@ METHODS: Final[dict[str, Settings]] = {
         floor=radians(1.0),
         smoothness=radians(12.0),
     ),
-    "ik": replace(Settings(), prior="ik", neighbours=0, limit_softness=radians(3.0)),
+    "ik": replace(
+        Settings(),
+        prior="ik",
+        neighbours=0,
+        limit_softness=radians(3.0),
+        previous_pose=radians(12.0),
+        root_position=0.02,
+    ),
 }
 """The settings of every method that can be asked for by name."""
