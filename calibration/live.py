@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from calibration.eigen_skeleton import SkeletonPrior
 from calibration.holds import Hold
@@ -21,6 +21,7 @@ _POLL = 0.05
 _NO_DATA = 20.0
 
 
+@runtime_checkable
 class View(Protocol):
     """What shows the wizard and takes keys."""
 

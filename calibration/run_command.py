@@ -99,7 +99,7 @@ def run(options: RunOptions) -> None:
         wizard = Wizard(
             poses,
             trackers,
-            judge=make_judge(poses, source.mounts, prior),
+            judge=make_judge(EIGHT_POSES, source.mounts, prior),
             settings=WizardSettings(hold=options.hold),
             holds=holds,
         )

@@ -191,7 +191,7 @@ def _stand(
         J = jacobian[feet].reshape(-1, 62)
         away = (ankles - goal)[feet].ravel() - J @ moved
         weighted = J * spread**2
-        inner = weighted @ J.T + 1e-8 * np.eye(len(J))
+        inner = weighted @ J.T + 1e-12 * np.eye(len(J))
         moved = -weighted.T @ np.linalg.solve(inner, away)
         at = np.array(_integrate(jnp.asarray(qpos), jnp.asarray(moved)))
     return at

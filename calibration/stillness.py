@@ -49,7 +49,7 @@ class StillnessDetector:
     def push(self, frame: TrackerFrame) -> bool:
         """Take a frame; whether the body has been still for the whole window."""
         frames = self._frames
-        if frames and not 0.0 < frame.time - frames[-1].time < 0.5 * self.settings.window:
+        if frames and not 0.0 < frame.time - frames[-1].time < 0.6 * self.settings.window:
             frames.clear()  # a gap: nobody knows what happened meanwhile
         frames.append(frame)
         while len(frames) > 1 and frame.time - frames[1].time >= self.settings.window:

@@ -55,6 +55,7 @@ class WizardSettings:
         retries: how often a pose that seems to be another is refused.
         min_trackers: so many must be seen in every frame of a hold; all of them if there
             are fewer.
+        patience: for so long trackers may be away in the midst of a hold [s].
         travel: so far some tracker must have moved since the last hold [m].
         stillness: when a body counts as still.
     """
@@ -64,6 +65,7 @@ class WizardSettings:
     timeout: float = 30.0
     retries: int = 2
     min_trackers: int = 4
+    patience: float = 0.3
     travel: float = 0.10
     stillness: StillnessSettings = field(default_factory=StillnessSettings)
 
@@ -142,6 +144,7 @@ class Wizard:
         self._refusals = 0
         self._message = ""
         self._unseen: tuple[str, ...] = ()
+        self._blind_since: float | None = None
         self._last: TrackerFrame | None = None
         self._has_traveled = True
         self._index = self._next(0)
@@ -223,10 +226,11 @@ class Wizard:
             return Event.NOTHING
         if self._since is None:
             self._since = self._reminded = frame.time
-        is_still = self._detector.push(frame)
         seen = len(self.trackers) - len(self._unseen)
         if seen < min(self.settings.min_trackers, len(self.trackers)):
-            return self._blind()
+            return self._blind(frame)
+        self._blind_since = None
+        is_still = self._detector.push(frame)
         if self.state is State.MOVING:
             return self._wait(frame, is_still)
         return self._record(frame, is_still)
@@ -270,7 +274,11 @@ class Wizard:
         self._advance()
         return Event.FINISHED if self.state is State.DONE else Event.RECORDED
 
-    def _blind(self) -> Event:
+    def _blind(self, frame: TrackerFrame) -> Event:
+        if self._blind_since is None:
+            self._blind_since = frame.time
+        if frame.time - self._blind_since < self.settings.patience:
+            return Event.NOTHING
         was_holding = self.state is State.HOLDING
         self.state, self._frames = State.MOVING, []
         self._message = f"Not seen: {', '.join(self._unseen)}."

@@ -115,6 +115,8 @@ def test_trackers_that_are_not_seen_end_a_hold():
     wizard, body = make()
     wizard.go()
     body.stay(1.5)
+    assert body.stay(0.2, unseen=NAMES[:3]) == []
+    body.stay(0.1)
     assert body.stay(0.5, unseen=NAMES[:3]) == [Event.BLIND]
     assert wizard.snapshot().unseen == NAMES[:3]
     assert "head" in wizard.snapshot().message
