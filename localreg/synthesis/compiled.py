@@ -56,6 +56,13 @@ def _squared(v):
     return v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
 
 
+@njit(cache=True, inline="always")
+@no_type_check
+def _lorentzian(squared, c):
+    """The Lorentzian of a whitened squared error; plain squares for infinite c."""
+    return c * log1p(squared / (2.0 * c)) if c < np.inf else 0.5 * squared
+
+
 @njit(cache=True)
 @no_type_check
 def tracker_energy(position, orientation, observation, control):
@@ -64,9 +71,9 @@ def tracker_energy(position, orientation, observation, control):
     total = 0.0
     for j in range(len(position)):
         if observation.position_mask[j]:
-            total += c * log1p(_squared(position[j]) / (2.0 * c * control.sigma_position**2))
+            total += _lorentzian(_squared(position[j]) / control.sigma_position**2, c)
         if observation.orientation_mask[j]:
-            total += c * log1p(_squared(orientation[j]) / (2.0 * c * control.sigma_orientation**2))
+            total += _lorentzian(_squared(orientation[j]) / control.sigma_orientation**2, c)
     return total
 
 
