@@ -262,18 +262,19 @@ def average_wearer(trial: Trial, prior: SkeletonPrior) -> Subject:
 
 def synthesis_errors(
     trials: Sequence[tuple[Person, Trial]],
+    sources: Sequence[str],
     clips: int,
     frames: int,
     progress: Callable[[int, int, str], None],
 ) -> list[dict[str, Any]]:
     """Error of synthesis with the true, the calibrated and the average subject.
 
-    Clips of the sample set are moved to the simulated person's body, every clip left out of
-    the database while it plays.
+    Clips are moved to the simulated person's body; the database is the sample set without the
+    clip that plays.
     """
     motions, _ = read_sources(["sample"])
     database = PoseDatabase.build(motions, mirror=True)
-    chosen = sorted(motions, key=len)[-clips:]
+    chosen = sorted(read_sources(list(sources))[0], key=len)[-clips:]
     rows = []
     total = len(trials) * len(chosen) * 3
     for person, trial in trials:
@@ -325,7 +326,11 @@ def main(
     ] = None,
     only: Annotated[list[str] | None, typer.Option(help="Only this condition; may repeat.")] = None,
     synthesis: Annotated[int, typer.Option(min=0, help="People to synthesize with.")] = 2,
-    clips: Annotated[int, typer.Option(min=1, help="Clips of the sample set for each.")] = 2,
+    motion: Annotated[
+        list[str] | None,
+        typer.Option(metavar="SOURCE", help="Clips to synthesize; default: the sample set."),
+    ] = None,
+    clips: Annotated[int, typer.Option(min=1, help="Longest clips of it for each.")] = 2,
     frames: Annotated[int, typer.Option(min=20, help="Frames of each clip.")] = 200,
     json: Annotated[Path | None, typer.Option(help="Also write the figures here.")] = None,
 ) -> None:
@@ -357,7 +362,7 @@ def main(
                                 "published": PUBLISHED}  # fmt: skip
     if synthesis and usual:
         with progress_bar("synthesizing") as bar:
-            rows = synthesis_errors(usual[:synthesis], clips, frames, bar)
+            rows = synthesis_errors(usual[:synthesis], motion or ["sample"], clips, frames, bar)
         document["synthesis"] = {"clips": rows, "mean": synthesis_means(rows)}
         shown.print(_synthesis_table(synthesis_means(rows)))
     if json is not None:

@@ -5,7 +5,6 @@ import os
 import pty
 import re
 import select
-import signal
 import subprocess
 import sys
 import time
@@ -25,11 +24,18 @@ class Terminal:
     """A child in a pseudo terminal, as a person sees it."""
 
     def __init__(self, arguments, folder):
-        self.pid, self.master = pty.fork()
-        if self.pid == 0:
-            os.chdir(folder)
-            os.environ.update(TERM="xterm", COLUMNS="100", LINES="40", NPROC="1")
-            os.execv(sys.executable, [*COMMAND, *arguments])  # noqa: S606
+        self.master, slave = pty.openpty()
+        environment = {**os.environ, "TERM": "xterm", "COLUMNS": "100", "LINES": "40"}
+        self._child = subprocess.Popen(
+            [*COMMAND, *arguments],
+            cwd=folder,
+            env=environment,
+            stdin=slave,
+            stdout=slave,
+            stderr=slave,
+            start_new_session=True,
+        )
+        os.close(slave)
         self.text = ""
         self._is_over = False
 
@@ -60,11 +66,11 @@ class Terminal:
             if select.select([self.master], [], [], 0.5)[0]:
                 self._read()
         os.close(self.master)
-        return os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1])
+        return self._child.wait(TIMEOUT)
 
     def kill(self):
-        os.kill(self.pid, signal.SIGKILL)
-        os.waitpid(self.pid, 0)
+        self._child.kill()
+        self._child.wait(TIMEOUT)
         os.close(self.master)
 
 
