@@ -13,7 +13,6 @@ from typing import Final
 from rich.console import Console, Group
 from rich.live import Live
 from rich.panel import Panel
-from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
@@ -159,16 +158,22 @@ class TerminalView:
         holding = snapshot.state is State.HOLDING
         lines = [Text(f"{place:5s} {words}") for place, words in
                  zip(("legs", "arms", "head"), pose.words, strict=True)]  # fmt: skip
-        spaced: list[Text | ProgressBar] = []
+        spaced: list[Text] = []
         for line in lines:
             spaced += [line, Text("")]
         style = "bold green" if holding else "bold yellow"
         return Group(
             *spaced,
             Text(_TITLES[snapshot.state], style=style),
-            ProgressBar(total=1.0, completed=snapshot.held, width=_WIDTH - 40),
+            _bar(snapshot.held),
             Text(snapshot.message, style="bold" if snapshot.message else ""),
             Text("trackers: all seen" if not snapshot.unseen
                  else "not seen: " + ", ".join(snapshot.unseen),
                  style="dim" if not snapshot.unseen else "bold red"),
         )  # fmt: skip
+
+
+def _bar(share: float) -> Text:
+    width = _WIDTH - 40
+    full = round(share * width)
+    return Text.assemble(("━" * full, "green"), ("━" * (width - full), "dim"))
