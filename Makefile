@@ -14,7 +14,7 @@ demo: .venv/.runtime  ## play a left-out walk through a serial line and synthesi
 	$(BIN)/localreg demo $(ARGS)
 
 test: .venv/.develop  ## run the tests
-	$(BIN)/pytest $(ARGS)
+	$(BIN)/pytest -n 2 --dist loadfile $(ARGS)
 
 check: .venv/.develop  ## lint, format, types, import directions
 	$(BIN)/ruff check $(SOURCES)

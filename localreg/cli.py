@@ -8,7 +8,7 @@ import difflib
 import os
 import sys
 from importlib import import_module
-from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, version
+from importlib.metadata import PackageNotFoundError, entry_points, version
 from importlib.util import find_spec
 from typing import Annotated, Any, Final, NamedTuple
 
@@ -173,7 +173,7 @@ def _is_there(target: str) -> bool:
         return False
 
 
-def _summary(entry: EntryPoint) -> str:
+def _summary(entry: Any) -> str:
     if entry.name in _SUMMARIES:
         return _SUMMARIES[entry.name]
     return f"From {entry.dist.name}." if entry.dist is not None else ""

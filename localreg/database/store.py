@@ -314,7 +314,7 @@ class _Builder:
         if not len(motion):
             self.skipped.append(motion.provenance.name)
             return
-        motion = motion.resampled(self.rate)
+        motion = motion.resampled(self.rate).nearest_to_rest()
         group = self.clips[-1].group + 1 if self.clips else 0
         index = len(self.clips)
         self._read.append(index)

@@ -129,7 +129,7 @@ def plan_trials(
     """
     trials, short = [], []
     for whole in motions:
-        motion = whole.resampled(database.rate)
+        motion = whole.resampled(database.rate).nearest_to_rest()
         if protocol.max_frames is not None:
             motion = motion.first(protocol.max_frames)
         if len(motion) < SHORTEST:

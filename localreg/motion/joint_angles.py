@@ -16,6 +16,7 @@ from localreg.body.skeleton import BONES, DOF_COUNT, joint_limits
 _AXES: Final = "xyz"
 _SWEEPS: Final = 60
 _LIMITS: Final = joint_limits()
+_CLEARLY_NEARER: Final = 0.1  # by which another way of writing a joint must be nearer [rad]
 
 
 def _dof_columns() -> tuple[dict[str, int], ...]:
@@ -87,6 +88,26 @@ def joint_angles(
         angles[:, column] = found
     missed = np.swapaxes(bone_rotations(angles, axis_frames), -1, -2) @ rotations
     return angles, _turn_angles(missed)
+
+
+def nearest_to_rest(angles: Float[ndarray, "frames 56"]) -> Float[ndarray, "frames 56"]:
+    """The same turns, written with the angles that are nearest to nought over all frames.
+
+    Files write some joints a whole turn away, or in the other of the two ways that a bone
+    with three hinges has, because their fits began there. Neighbours written differently
+    look like strangers, and pull poses towards a joint's other way of being written.
+    """
+    if not len(angles):
+        return angles
+    nearest = _centred(angles)
+    for columns in _COLUMNS:
+        if len(columns) == 3:
+            places = [columns[axis] for axis in "zyx"]
+            first = nearest[:, places]
+            second = _centred(first * [1.0, -1.0, 1.0] + np.pi)
+            if np.abs(second).mean() < np.abs(first).mean() - _CLEARLY_NEARER:
+                nearest[:, places] = second
+    return nearest
 
 
 def euler_zyx(rotations: Float[ndarray, "*b 3 3"]) -> Float[ndarray, "*b 3"]:

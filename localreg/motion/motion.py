@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation, RotationSpline, Slerp
 from localreg.body.skeleton import BONES, DOF_BONES, DOF_NAMES, QPOS_SIZE, mirror_name
 from localreg.body.subject import Subject
 from localreg.errors import MotionError
+from localreg.motion.joint_angles import nearest_to_rest
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +108,10 @@ class Motion:
         quaternions = turn(new).as_quat(scalar_first=True)
         qpos = np.hstack([vectors[:, :3], quaternions, vectors[:, 3:]])
         return replace(self, qpos=qpos, rate=rate)
+
+    def nearest_to_rest(self) -> Self:
+        """The same motion, its joint angles written as near to nought as they can be."""
+        return replace(self, qpos=np.hstack([self.qpos[:, :7], nearest_to_rest(self.angles)]))
 
     def mirrored(self) -> Self:
         """The mirror image in the world's x = 0 plane: left and right exchanged.

@@ -71,7 +71,7 @@ class Settings:
     feature_rotation_noise: float = 0.012
     pose_information: float = 0.15
     step_noise: float = radians(0.5)
-    drift_memory: float = 0.8
+    drift_memory: float = 0.85
     step_floor_position: float = 0.001
     step_floor_angle: float = radians(0.1)
     rehearsals: int = 300

@@ -13,6 +13,7 @@ from localreg.motion.joint_angles import (
     continuous_zyx,
     euler_zyx,
     joint_angles,
+    nearest_to_rest,
 )
 from tests.localreg.motion.strategies import make_calm_motion, make_motion, recipes
 
@@ -114,3 +115,19 @@ def test_no_frames_make_no_angles():
     angles, residuals = joint_angles(np.zeros((0, 30, 3, 3)), default_axis_frames())
     assert angles.shape == (0, 56)
     assert residuals.shape == (0, 30)
+
+
+def test_angles_nearest_to_rest_are_the_same_turns():
+    """From another way of writing every joint: whole turns away, or the second way there is."""
+    motion = make_calm_motion(5)
+    frames = default_axis_frames()
+    far = motion.angles.copy()
+    far[:, DOF_NAMES.index("ltibiarx")] += 2.0 * np.pi
+    zyx = [DOF_NAMES.index(f"rhumerusr{axis}") for axis in "zyx"]
+    far[:, zyx] = far[:, zyx] * [1.0, -1.0, 1.0] + np.pi
+    near = nearest_to_rest(far)
+    np.testing.assert_allclose(near, nearest_to_rest(motion.angles), atol=1e-12)
+    np.testing.assert_allclose(bone_rotations(near, frames), bone_rotations(far, frames), atol=1e-9)
+    assert np.abs(near).mean() < np.abs(far).mean()
+    np.testing.assert_array_equal(nearest_to_rest(near), near)
+    assert nearest_to_rest(near[:0]).shape == (0, 56)
