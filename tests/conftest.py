@@ -7,6 +7,8 @@ import jax
 import pytest
 
 jax.config.update("jax_enable_x64", True)
+# Tests on several processes are told the width of a terminal that they do not have.
+os.environ.pop("COLUMNS", None)
 
 
 @pytest.fixture(scope="session")
