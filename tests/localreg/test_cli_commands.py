@@ -72,6 +72,7 @@ def test_db_build_says_what_was_skipped(walks: Path, tmp_path: Path) -> None:
         app,
         ["db", "build", str(folder), "--out", str(out), "--rate", "30", "--no-mirror",
          "--overrides", str(overrides)],
+        env={"COLUMNS": "400"},
     )  # fmt: skip
     assert result.exit_code == 0, result.output
     assert "bad.bvh" in result.stdout.partition("Skipped")[2]
