@@ -186,7 +186,6 @@ class FrameStream:
         self._placed = transform
         for assembled in closed:
             placed = assembled.placed(transform)
-            self.room.observe(assembled.frame)
             if self._recorder is not None:
                 self._recorder.frame(placed, self._taken)
             self._closed.append(placed)

@@ -1,4 +1,4 @@
-"""Room alignment, re-centring, exchanged trackers, and the file that keeps the room."""
+"""Room alignment, exchanged trackers, and the file that keeps the room."""
 
 import math
 import tomllib
@@ -18,7 +18,6 @@ from sensors.emulators.is900 import Is900Emulator
 from sensors.errors import ConfigurationError
 from sensors.placement import Placement
 from sensors.pose import PoseSample, TrackerFrame
-from sensors.room import Room
 from sensors.toml_table import replace_table
 
 NAMES = ("head", "torso", "lhand", "rhand", "lankle", "rankle")
@@ -133,18 +132,14 @@ def test_pairs_are_found_by_name():
     assert default_pairs(("left_foot", "right_foot", "leg")) == (("left_foot", "right_foot"),)
 
 
-def test_recentering_moves_place_and_heading_but_not_heights():
-    room = Room(Placement(yaw=5.0, translation=(0.0, 0.0, 0.4)))
+def test_the_height_of_the_room_before_is_kept_on_request():
+    before = Placement(yaw=5.0, translation=(0.0, 0.0, 0.4))
+    frames = standing(Placement(yaw=70.0, translation=(3.0, 1.0, 0.0)), np.random.default_rng(2))
     with pytest.raises(AlignmentError):
-        room.recenter(NAMES)
-    for frame in standing(
-        Placement(yaw=70.0, translation=(3.0, 1.0, 0.0)), np.random.default_rng(2)
-    ):
-        room.observe(frame)
-    found = room.recenter(NAMES)
-    assert room.placement == found.placement
-    assert room.placement.translation[2] == 0.4
-    assert math.remainder(room.placement.yaw - 70.0, 360.0) == pytest.approx(0.0, abs=1.0)
+        align([], NAMES, AlignmentConfig(floor="keep"), before)
+    found = align(frames, NAMES, AlignmentConfig(floor="keep"), before).placement
+    assert found.translation[2] == 0.4
+    assert math.remainder(found.yaw - 70.0, 360.0) == pytest.approx(0.0, abs=1.0)
 
 
 def assemble(swap: Swap, rate: float = 40.0) -> list[tuple[float, tuple[tuple[str, str], ...]]]:
