@@ -67,19 +67,28 @@ Recording = Annotated[
     Path | None,
     typer.Option(metavar="FILE", help="A recording (.mcap) of motion.", show_default=False),
 ]
+Seconds = Annotated[float, typer.Option(min=2.0, help="How much motion to look at [s].")]
+Database = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="DIR", help="Poses to learn from; default: the sample set.", show_default=False
+    ),
+]
+Name = Annotated[str, typer.Option(help="Whose body.")]
+Out = Annotated[Path, typer.Option(help="Subject file to be written (TOML).")]
 SubjectFile = Annotated[Path, typer.Argument(metavar="SUBJECT", help="Subject file (TOML).")]
 
 
 @app.command()
 def run(
-    out: Annotated[Path, typer.Option(help="Subject file to be written (TOML).")],
+    out: Out,
     config: Config = None,
     simulate: Simulate = None,
     quick: Annotated[bool, typer.Option("--quick", help="One pose only: the T.")] = False,
     height: Height = None,
     skeletons: Skeletons = None,
     template: Template = None,
-    name: Annotated[str, typer.Option(help="Whose body.")] = "me",
+    name: Name = "me",
     pose: Annotated[
         list[str] | None,
         typer.Option(
@@ -146,9 +155,9 @@ def run(
 @app.command()
 def height(
     metres: Annotated[float, typer.Argument(metavar="HEIGHT", help="Standing height [m].")],
-    out: Annotated[Path, typer.Option(help="Subject file to be written (TOML).")],
+    out: Out,
     skeletons: Skeletons = None,
-    name: Annotated[str, typer.Option(help="Whose body.")] = "me",
+    name: Name = "me",
 ) -> None:
     """Guess a body from its height alone, for the impatient: mounts stay the default ones."""
     from calibration import run_command
@@ -179,14 +188,10 @@ def check(
     config: Config = None,
     recording: Recording = None,
     simulate: Simulate = None,
-    seconds: Annotated[float, typer.Option(min=2.0, help="How much motion to look at [s].")] = 20.0,
-    database: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="Poses to learn from; default: the sample set.",
-                     show_default=False),
-    ] = None,
+    seconds: Seconds = 20.0,
+    database: Database = None,
     seed: Seed = 0,
-) -> None:  # fmt: skip
+) -> None:
     """Say whether a tracker has slipped since the calibration, from ordinary motion.
 
     Walk about and turn. Exit code 1 if a tracker sits elsewhere than the subject file says.
@@ -200,18 +205,14 @@ def check(
 @app.command()
 def refine(
     subject: SubjectFile,
-    out: Annotated[Path, typer.Option(help="Subject file to be written (TOML).")],
+    out: Out,
     config: Config = None,
     recording: Recording = None,
     simulate: Simulate = None,
-    seconds: Annotated[float, typer.Option(min=2.0, help="How much motion to look at [s].")] = 20.0,
-    database: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="Poses to learn from; default: the sample set.",
-                     show_default=False),
-    ] = None,
+    seconds: Seconds = 20.0,
+    database: Database = None,
     seed: Seed = 0,
-) -> None:  # fmt: skip
+) -> None:
     """Improve where the trackers sit from ordinary motion; lengths stay as they are."""
     from calibration import motion_command
 
