@@ -1,5 +1,6 @@
 """What `localreg calibrate run`, `height` and `poses` do."""
 
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -25,7 +26,7 @@ from calibration.live import Hooks, lead, make_judge
 from calibration.observability import expected_deviations, information
 from calibration.pictures import draw_poses
 from calibration.poses import EIGHT_POSES, NAIVE_POSES, TargetPose, mirrored, with_swapped
-from calibration.progress import read_progress
+from calibration.progress import read_progress, write_progress
 from calibration.report import (
     findings_lines,
     lengths_table,
@@ -37,7 +38,7 @@ from calibration.result import QUANTILE_90, relative_deviation
 from calibration.setup import Source, configured, simulated
 from calibration.simulated import Habits
 from calibration.terminal import TerminalView
-from calibration.wizard import Wizard, WizardSettings
+from calibration.wizard import Wizard, WizardSettings, check_names
 from localreg.body.subject import CalibrationRecord, Subject, read_subject, write_subject
 from localreg.commands.console import notes, output
 from localreg.errors import LocalregError
@@ -83,6 +84,7 @@ def run(options: RunOptions) -> None:
     if (options.config is None) == (options.simulate is None):
         raise LocalregError("give either --config NAME|FILE or --simulate MOTION")
     poses = EIGHT_POSES[:1] if options.quick else EIGHT_POSES
+    check_names(options.only, poses)
     prior = people(options.skeletons, options.height)
     file = options.progress or options.out.with_suffix(".progress.json")
     if options.fresh:
@@ -106,7 +108,16 @@ def run(options: RunOptions) -> None:
         outcome = _led(wizard, source, prior, options, file, console)
         truth = source.truth
     _report(outcome, truth, options)
-    file.unlink(missing_ok=True)
+    leave_progress(file, wizard, outcome.repeat)
+
+
+def leave_progress(file: Path, wizard: Wizard, repeat: Sequence[str]) -> None:
+    """Keep what was good if poses are to be repeated, so that only they are asked for again."""
+    good = tuple(hold for hold in wizard.holds if hold.pose not in repeat)
+    if repeat and good:
+        write_progress(file, good, wizard.trackers)
+    else:
+        file.unlink(missing_ok=True)
 
 
 def _source(options: RunOptions) -> AbstractContextManager[Source]:
@@ -178,7 +189,9 @@ def _report(outcome: Outcome, truth: dict[str, float] | None, options: RunOption
         console.print(line, soft_wrap=True)
     result = outcome.calibration
     if result is None:
-        raise LocalregError("there is no result; mend what is said above and begin again")
+        raise LocalregError(
+            "there is no result; mend what is said above and begin again, with --fresh"
+        )
     write_subject(result.subject, options.out)
     shown = output()
     shown.print(lengths_table(result, truth))
@@ -187,8 +200,10 @@ def _report(outcome: Outcome, truth: dict[str, float] | None, options: RunOption
         shown.print(line, soft_wrap=True)
     shown.print(f"subject: {options.out}", soft_wrap=True)
     if outcome.repeat:
-        names = " ".join(f"--pose '{name}'" for name in outcome.repeat)
-        shown.print(f"better still: hold these poses again with the same command and {names}")
+        names = ", ".join(outcome.repeat)
+        shown.print(
+            f"better still: the same command without --fresh asks for {names} again", soft_wrap=True
+        )
 
 
 def height_only(metres: float, out: Path, skeletons: Path | None, name: str) -> None:

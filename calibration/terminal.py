@@ -85,8 +85,7 @@ class TerminalView:
         self._stack = contextlib.ExitStack()
         self._drawn = 0.0
         self._sticks = Sticks()
-        self._said = ""
-        self._announced = ""
+        self._asked = ""  # the pose of the snapshot before
 
     @property
     def has_keys(self) -> bool:
@@ -111,25 +110,22 @@ class TerminalView:
     def show(self, snapshot: Snapshot, event: Event, frame: TrackerFrame | None) -> None:
         """Draw how things are; events also leave a line behind."""
         if event in (Event.RECORDED, Event.FINISHED):
-            pose = snapshot.recorded[-1] if snapshot.recorded else ""
-            self._say(f"recorded {len(snapshot.recorded)}: {self._newest(snapshot, pose)}")
+            self._say(f"recorded {len(snapshot.recorded)}: {self._asked}")
             self._console.bell()
         elif event in (Event.REFUSED, Event.TIMED_OUT, Event.BLIND):
             self._say(snapshot.message)
             self._console.bell()
         if self._live is None:
             self._announce(snapshot)
-            return
+        else:
+            self._draw(self._live, snapshot, event)
+        self._asked = "" if snapshot.pose is None else snapshot.pose.name
+
+    def _draw(self, live: Live, snapshot: Snapshot, event: Event) -> None:
         now = time.monotonic()
         if now - self._drawn >= _REFRESH or event is not Event.NOTHING:
             self._drawn = now
-            self._live.update(self._panel(snapshot), refresh=True)
-
-    def _newest(self, snapshot: Snapshot, otherwise: str) -> str:
-        known = set(self._said.split("|"))
-        fresh = [name for name in snapshot.recorded if name not in known]
-        self._said = "|".join(snapshot.recorded)
-        return fresh[-1] if fresh else otherwise
+            live.update(self._panel(snapshot), refresh=True)
 
     def _say(self, words: str) -> None:
         self._console.print(words, highlight=False, markup=False, soft_wrap=True)
@@ -137,9 +133,8 @@ class TerminalView:
     def _announce(self, snapshot: Snapshot) -> None:
         """Without a terminal: every pose once, in words."""
         pose = snapshot.pose
-        if pose is None or pose.name == self._announced:
+        if pose is None or pose.name == self._asked:
             return
-        self._announced = pose.name
         words = " ".join(pose.words)
         self._say(f"pose {snapshot.number} of {snapshot.total}, {pose.name}: {words}")
 

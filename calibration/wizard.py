@@ -1,7 +1,7 @@
 """The wizard as a state machine: poses, stillness, retries, timeouts, the way back.
 
 It knows no view and reads no clock: it is told frames and keys, and says in which state it
-is. A view draws `snapshot()`; whoever runs it saves `progress()` after every `Event.RECORDED`.
+is. A view draws `snapshot()`; whoever runs it saves `holds` after every `Event.RECORDED`.
 
     ready --go--> moving --still--> holding --enough--> moving (the next pose) ... done
                     ^                  |
@@ -11,7 +11,7 @@ A pose that plainly is another than the one asked for is refused, up to `retries
 then it is taken, and the fit has the last word. Nobody gets a pose wrong for ever.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -99,6 +99,19 @@ Judge = Callable[[Hold], str]
 """Says what is plainly wrong with a hold; empty if nothing is."""
 
 
+def check_names(names: Iterable[str], poses: Sequence[TargetPose]) -> None:
+    """Refuse names that no pose has.
+
+    Raises:
+        LocalregError: with the names that there are.
+    """
+    known = [pose.name for pose in poses]
+    if unknown := [name for name in names if name not in known]:
+        raise LocalregError(
+            f"there is no pose named {', '.join(unknown)}; there are {', '.join(known)}"
+        )
+
+
 class Wizard:
     """Leads through the poses.
 
@@ -124,19 +137,14 @@ class Wizard:
         holds: dict[str, Hold] | None = None,
         only: Sequence[str] | None = None,
     ) -> None:
-        names = [pose.name for pose in poses]
-        unknown = [name for name in [*(holds or {}), *(only or ())] if name not in names]
-        if unknown:
-            raise LocalregError(
-                f"there is no pose named {', '.join(unknown)}; there are {', '.join(names)}"
-            )
+        check_names([*(holds or {}), *(only or ())], poses)
         self.poses = tuple(poses)
         self.trackers = tuple(trackers)
         self.settings = settings or WizardSettings()
         self.state = State.READY
         self._judge = judge or (lambda hold: "")
         self._holds: dict[str, Hold] = dict(holds or {})
-        self._asked = set(names if only is None else only)
+        self._asked = set([pose.name for pose in poses] if only is None else only)
         self._detector = StillnessDetector(self.settings.stillness)
         self._frames: list[TrackerFrame] = []
         self._since: float | None = None
@@ -208,9 +216,7 @@ class Wizard:
         Raises:
             LocalregError: a name that no pose has.
         """
-        known = {pose.name for pose in self.poses}
-        if unknown := [name for name in names if name not in known]:
-            raise LocalregError(f"there is no pose named {', '.join(unknown)}")
+        check_names(names, self.poses)
         for name in names:
             self._asked.add(name)
             self._holds.pop(name, None)

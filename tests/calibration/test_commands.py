@@ -132,6 +132,7 @@ def test_without_a_terminal_a_mistake_is_named_and_repeated(tmp_path: Path):
         (["--config", "demo", "--out", "x.toml"], 1, "--simulate"),
         (["--simulate", "sample", "--out", "x.toml", "--mistake", "T=x"], 1, "no mistake"),
         (["--simulate", "sample", "--out", "x.toml", "--height", "178"], 1, "centimeters"),
+        (["--simulate", "sample", "--out", "x.toml", "--pose", "juggling"], 1, "no pose named"),
         (["height", "17", "--out", "x.toml"], 1, "nobody"),
         (["check", "none.toml", "--simulate", "sample"], 1, "cannot read"),
         (["run", "--nonsense"], 2, "nonsense"),

@@ -1,18 +1,22 @@
 """The wizard as a machine, stillness, and the progress file: no clock, no view, no fit."""
 
 import ast
+import io
 import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 import calibration.wizard
 from calibration.poses import EIGHT_POSES
 from calibration.progress import read_progress, write_progress
+from calibration.run_command import leave_progress
 from calibration.screening import PoseJudge
 from calibration.stillness import StillnessDetector, StillnessSettings
+from calibration.terminal import TerminalView
 from calibration.wizard import Event, State, Wizard, WizardSettings
 from localreg.errors import LocalregError
 from sensors.pose import TrackerFrame
@@ -250,6 +254,44 @@ def test_progress_of_other_trackers_or_places_is_refused(tmp_path):
         read_progress(file, ("a", "b"))
     with pytest.raises(LocalregError, match="cannot write"):
         write_progress(file / "below", (), NAMES)
+
+
+def test_poses_to_repeat_are_all_that_is_asked_for_again(tmp_path):
+    file = tmp_path / "p.json"
+    holds = {hold.pose: hold for hold in somebody(0)[2]}
+    wizard = Wizard(EIGHT_POSES, NAMES, holds=holds)
+    leave_progress(file, wizard, ("twist", "bow"))
+    again = Wizard(EIGHT_POSES, NAMES, holds=read_progress(file, NAMES))
+    assert set(holds) - {hold.pose for hold in again.holds} == {"twist", "bow"}
+    leave_progress(file, wizard, ())
+    assert not file.exists()
+
+
+def test_lines_name_the_pose_that_was_recorded():
+    console = Console(file=io.StringIO())
+    view = TerminalView(console)
+    wizard, body = make()
+    wizard.go()
+    told = wizard.push
+
+    def push(frame):
+        event = told(frame)
+        view.show(wizard.snapshot(), event, frame)
+        return event
+
+    wizard.push = push
+    for place in (0.0, 0.5, 1.0):
+        body.go(place)
+        body.stay(4.0)
+    wizard.repeat(["T"])
+    body.go(0.0)
+    body.stay(4.0)
+    lines = console.file.getvalue().splitlines()
+    recorded = [line for line in lines if line.startswith("recorded")]
+    assert recorded == [
+        "recorded 1: T", "recorded 2: twist", "recorded 3: side bend", "recorded 3: T",
+    ]  # fmt: skip
+    assert sum(line.startswith("pose 1 of 3, T:") for line in lines) == 2
 
 
 def test_single_holds_are_judged_while_the_person_is_there():
