@@ -2,21 +2,16 @@
 
 import os
 import select
-import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from typing import Literal
+from typing import Any
 
+from sensors.emulators.base import Emulator, Start
 from sensors.emulators.endpoints import Endpoint, PtyEndpoint
-from sensors.emulators.faults import Fault, FaultMaker, Noise
 from sensors.emulators.source import PoseSource, StationPose
 from sensors.emulators.unit import Is900Unit
 from sensors.errors import ConfigurationError
 from sensors.protocols.is900 import commands
-
-Start = Literal["continuous", "now", "later"]
 
 # A slow line may lag this far behind before whole cycles are left out [s].
 _MAX_BACKLOG = 0.2
@@ -28,24 +23,7 @@ _RETRY_PAUSE = 0.01
 _LEAD = 0.005
 
 
-@dataclass(slots=True)
-class EmulatorCounters:
-    """What the emulator has done; only grows.
-
-    Attributes:
-        cycles: instants at which records were made.
-        records: records handed to the line, spoiled ones included.
-        overruns: cycles left out because the line was full or the host did not read.
-        command_bytes: bytes received.
-    """
-
-    cycles: int = 0
-    records: int = 0
-    overruns: int = 0
-    command_bytes: int = 0
-
-
-class Is900Emulator:
+class Is900Emulator(Emulator):
     """An IS-900 on a line, in a thread of its own.
 
     Cycle k is due at a multiple of the period on the monotonic clock, whatever the cycles
@@ -59,13 +37,8 @@ class Is900Emulator:
         endpoint: the line; by default a new pseudo terminal.
         start: what begins the motion: the first `C` from the host, at once, or a call of
             `begin`. Until then the pose at zero is held.
-        faults: what goes wrong, on motion time.
-        noise: what is added to every pose.
-        seed: of everything random.
         baud: if given, bytes leave no faster than on a serial line, 10 bits each.
-        clock_drift: how much faster the device's clock runs [s/s].
-        on_start: called in the emulator's thread with the host's monotonic time of motion
-            zero.
+        settings: as for `Emulator`.
 
     Raises:
         ConfigurationError: for impossible settings.
@@ -79,91 +52,32 @@ class Is900Emulator:
         rate: float = 40.0,
         endpoint: Endpoint | None = None,
         start: Start = "continuous",
-        faults: Iterable[Fault] = (),
-        noise: Noise | None = None,
-        seed: int = 0,
         baud: int | None = None,
-        clock_drift: float = 0.0,
-        on_start: Callable[[float], None] | None = None,
+        **settings: Any,
     ) -> None:
         if not 1 <= stations <= 12:
             raise ConfigurationError(f"there cannot be {stations} stations; give 1 to 12")
-        if not 0.1 <= rate <= 1000.0:
-            raise ConfigurationError(f"rate is {rate} Hz; give 0.1 to 1000")
         if baud is not None and baud < 300:
             raise ConfigurationError(f"baud is {baud}; give at least 300, usually 115200")
-        self.counters = EmulatorCounters()
+        super().__init__(pose_at, begins=start == "now", rate=rate, **settings)
         self.unit = Is900Unit(stations)
-        self.faults = FaultMaker(faults, noise, seed)
         self._endpoint = PtyEndpoint() if endpoint is None else endpoint
-        self._pose_at = pose_at
-        self._period = 1.0 / rate
         self._lead = min(_LEAD, 0.5 / rate)
         self._start: Start = start
         self._seconds_per_byte = 0.0 if baud is None else 10.0 / baud
-        self._speed = 1.0 + clock_drift
-        self._on_start = on_start
-        self._power_on = time.monotonic()
         self._next_cycle = self._power_on
-        self._zero: float | None = None
-        self._started = threading.Event()
-        self._begin_asked = start == "now"
         self._prepared: tuple[float, list[bytes]] | None = None
         # Portions and when their last byte has crossed the line.
         self._outgoing: deque[tuple[float, bytes]] = deque()
         self._line_free = self._power_on
-        self._stop = threading.Event()
-        self._wake_read, self._wake_write = os.pipe()
-        self._thread = threading.Thread(target=self._run, name="is900-emulator", daemon=True)
 
     @property
     def address(self) -> str:
         """What a host opens."""
         return self._endpoint.address
 
-    @property
-    def motion_zero(self) -> float | None:
-        """Host's monotonic time of motion time zero [s]; None before the start."""
-        return self._zero
-
-    def __enter__(self) -> "Is900Emulator":
-        self.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.stop()
-
-    def start(self) -> None:
-        """Answer from now on."""
-        self._thread.start()
-
-    def stop(self) -> None:
-        """Take the line away and end the thread."""
-        if not self._stop.is_set():
-            self._stop.set()
-            self._wake()
-            if self._thread.is_alive():
-                self._thread.join()
-            self._endpoint.close()
-            os.close(self._wake_read)
-            os.close(self._wake_write)
-
-    def begin(self) -> None:
-        """Start the motion with the next cycle, if it has not started."""
-        self._begin_asked = True
-        if not self._stop.is_set():
-            self._wake()
-
-    def wait_started(self, timeout: float) -> bool:
-        """Wait until the motion has started, at most `timeout` [s]."""
-        return self._started.wait(timeout)
-
-    def motion_time(self, now: float) -> float:
-        """Motion time at a host time [s]; zero before the start."""
-        return 0.0 if self._zero is None else max(0.0, now - self._zero)
-
-    def _wake(self) -> None:
-        os.write(self._wake_write, b"\0")
+    def _close(self) -> None:
+        self._endpoint.close()
 
     def _run(self) -> None:
         while not self._stop.is_set():
@@ -214,11 +128,7 @@ class Is900Emulator:
             instant += missed * self._period
             self.counters.overruns += missed
         self._next_cycle = instant + self._period
-        if self._begin_asked and self._zero is None:
-            self._zero = instant
-            self._started.set()
-            if self._on_start is not None:
-                self._on_start(instant)
+        self._begin_motion(instant)
         t = self.motion_time(instant)
         if self._zero is not None and self.faults.takes_power_cycle(t):
             self.unit.receive(commands.RESET, self._device_time(now), self._pose_at, t)
@@ -269,6 +179,3 @@ class Is900Emulator:
             sent = self._endpoint.write(bytes(due))
             if sent < len(due):
                 self._outgoing.appendleft((now + _RETRY_PAUSE, bytes(due[sent:])))
-
-    def _device_time(self, now: float) -> float:
-        return (now - self._power_on) * self._speed

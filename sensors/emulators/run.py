@@ -16,10 +16,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args
 
-from sensors.emulators.beat import BeatEmulator
+from sensors.emulators.base import Emulator, Start
 from sensors.emulators.endpoints import Endpoint, PtyEndpoint, TcpEndpoint
 from sensors.emulators.faults import Noise, parse_fault
-from sensors.emulators.is900 import Is900Emulator, Start
+from sensors.emulators.is900 import Is900Emulator
 from sensors.emulators.is900_udp import Is900UdpEmulator
 from sensors.emulators.osc import PORTS, OscEmulator
 from sensors.emulators.recorded import load_motion
@@ -30,7 +30,6 @@ from sensors.protocols import is900_udp, vrpn
 
 AtEnd = Literal["hold", "loop", "exit"]
 Protocol = Literal["is900", "is900-udp", "vrpn", "vmc", "vrchat"]
-Emulator = Is900Emulator | BeatEmulator
 _Word = TypeVar("_Word", bound=str)
 
 # A closing pseudo terminal takes unread bytes with it: give the host time for the last ones.
@@ -126,7 +125,7 @@ def _emulator(
     if protocol == "vrpn":
         host, port = _host_and_port("tcp", options.tcp or f"127.0.0.1:{vrpn.DEFAULT_PORT}")
         return VrpnEmulator(source, host=host, port=port, **common)
-    usual = {"is900-udp": is900_udp.DEFAULT_PORT, "vmc": PORTS["vmc"], "vrchat": PORTS["vrchat"]}
+    usual = {"is900-udp": is900_udp.DEFAULT_PORT, **PORTS}
     host, port = _host_and_port("to", options.to or f"127.0.0.1:{usual[protocol]}")
     if protocol == "is900-udp":
         return Is900UdpEmulator(source, host=host, port=port, **common)
