@@ -6,8 +6,14 @@ from typing import Any
 
 from sensors.config import DeviceConfig, SensorsConfig, device_config, read_config
 from sensors.errors import ConfigurationError
+from sensors.protocols import is900_udp, osc
 
-_LISTENERS = {"is900-udp": 5001, "vmc": 39539, "vrchat": 9000, "osc": 39539}
+_LISTENERS = {
+    "is900-udp": is900_udp.DEFAULT_PORT,
+    "vmc": osc.VMC_PORT,
+    "vrchat": osc.VRCHAT_PORT,
+    "osc": osc.VMC_PORT,
+}
 
 
 def device_at(target: str, stations: Mapping[str, int | str] | None = None) -> DeviceConfig:

@@ -25,6 +25,7 @@ from pydantic import Field, model_validator
 
 from localreg.live.performance_config import PerformanceConfig
 from sensors.config import SensorsConfig, read_toml
+from sensors.protocols import osc, vrpn
 from sensors.settings import Settings
 
 EMULATED_PORT = "emulator"
@@ -54,7 +55,7 @@ class VmcOutput(Settings):
 
     protocol: Literal["vmc"]
     host: str = "127.0.0.1"
-    port: _Port = 39539
+    port: _Port = osc.VMC_PORT
 
 
 class VrchatOutput(Settings):
@@ -68,7 +69,7 @@ class VrchatOutput(Settings):
 
     protocol: Literal["vrchat"]
     host: str = "127.0.0.1"
-    port: _Port = 9000
+    port: _Port = osc.VRCHAT_PORT
 
 
 class JsonOutput(Settings):
@@ -96,7 +97,7 @@ class VrpnOutput(Settings):
     """
 
     protocol: Literal["vrpn"]
-    port: Annotated[int, Field(ge=0, le=65535)] = 3883
+    port: Annotated[int, Field(ge=0, le=65535)] = vrpn.DEFAULT_PORT
     device: str = "Body0"
 
 

@@ -28,8 +28,6 @@ from sensors.stream import Received, SampleQueue
 VMC_TRACKER = "/VMC/Ext/Tra/Pos"
 VMC_TIME = "/VMC/Ext/T"
 VRCHAT = "/tracking/trackers/"
-VMC_PORT = 39539
-VRCHAT_PORT = 9000
 
 _MAX_COORDINATE = 100.0
 # Several turns are odd but harmless; beyond that sine and cosine lose their digits.
@@ -53,7 +51,7 @@ class OscConfig(DeviceSettings):
 
     driver: Literal["osc"] = "osc"
     host: str = "127.0.0.1"
-    port: int = Field(default=VMC_PORT, ge=0, le=65535)
+    port: int = Field(default=osc.VMC_PORT, ge=0, le=65535)
     sender: str = ""
     silence_timeout: float = Field(default=2.0, gt=0.0)
 

@@ -10,10 +10,10 @@ from pythonosc.osc_message_builder import OscMessageBuilder
 from sensors.emulators.beat import BeatEmulator, datagrams_of
 from sensors.emulators.source import PoseSource, StationPose
 from sensors.emulators.udp_sender import UdpSender
-from sensors.protocols import unity
+from sensors.protocols import osc, unity
 
 Dialect = Literal["vmc", "vrchat"]
-PORTS: dict[Dialect, int] = {"vmc": 39539, "vrchat": 9000}
+PORTS: dict[Dialect, int] = {"vmc": osc.VMC_PORT, "vrchat": osc.VRCHAT_PORT}
 
 
 class OscEmulator(BeatEmulator):

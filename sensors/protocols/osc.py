@@ -10,6 +10,12 @@ from dataclasses import dataclass
 
 from sensors.errors import MalformedRecordError
 
+VMC_PORT = 39539
+"""Where programs listen for the Virtual Motion Capture protocol."""
+
+VRCHAT_PORT = 9000
+"""Where VRChat listens."""
+
 Argument = int | float | str | bytes | bool | None
 
 _BUNDLE = b"#bundle\0"

@@ -9,7 +9,6 @@ in the world. A frame is about 4 kB, which a local network delivers in three pac
 """
 
 import json
-from typing import Final
 
 import numpy as np
 
@@ -17,9 +16,6 @@ from localreg.body.skeleton import BODY_NAMES, DOF_NAMES
 from localreg.body.subject import Subject
 from localreg.live.body_frames import ForwardKinematics
 from localreg.live.sinks.base import LivePose
-
-PORT: Final = 39550
-"""Where they go unless told otherwise."""
 
 
 class JsonEncoder:

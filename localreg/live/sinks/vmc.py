@@ -16,9 +16,6 @@ from localreg.live.sinks.osc_bundle import Message, OscBundle
 from localreg.live.unity import HUMAN_BONES, Humanoid
 from sensors.protocols import unity
 
-PORT: Final = 39539
-"""Where avatar programs listen."""
-
 _ROOT: Final = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 _FIRST: Final = 14
 """Bones in the first bundle: with these both stay below 1400 bytes."""

@@ -16,9 +16,6 @@ from localreg.live.sinks.base import LivePose
 from localreg.live.sinks.osc_bundle import Message, OscBundle
 from localreg.live.unity import HUMAN_BONES, Humanoid
 
-PORT: Final = 9000
-"""Where VRChat listens."""
-
 TRACKERS: Final[dict[str, str]] = {
     "1": "Hips",
     "2": "LeftFoot",
