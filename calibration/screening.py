@@ -93,26 +93,20 @@ class Expectation:
         """What to expect of a session."""
         average = average_subject(prior)
         points = BodyPoints(replace(average, mounts=default_mounts(average, session.trackers)))
-        every = {pose.name: pose for pose in session.poses}
-        explanations, positions = [], []
-        for pose in session.poses:
-            choices = _misunderstandings(pose, list(every.values()))
-            qpos = np.repeat(pose.qpos()[None], len(choices), axis=0)
-            qpos[:, 7:] = np.array(list(choices.values()))
-            explanations.append(tuple(choices))
-            positions.append(points.tracker_poses(qpos).positions)
+        pairs = [_misunderstood(pose, session.poses, points) for pose in session.poses]
         asked = np.array([pose.qpos() for pose in session.poses])
         return cls(
-            tuple(explanations),
-            tuple(positions),
+            tuple(explanations for explanations, _ in pairs),
+            tuple(positions for _, positions in pairs),
             points.tracker_poses(asked).quaternions,
             points.bone_ends(asked),
         )
 
 
-def _misunderstandings(
-    pose: TargetPose, others: Sequence[TargetPose]
-) -> dict[str, Float[ndarray, "56"]]:
+def _misunderstood(
+    pose: TargetPose, others: Sequence[TargetPose], points: BodyPoints
+) -> tuple[tuple[str, ...], Float[ndarray, "V J 3"]]:
+    """What a pose may be instead, in words, and where the trackers would be then [m]."""
     choices = {
         "": pose.angles,
         "left and right exchanged": mirrored(pose.angles),
@@ -122,7 +116,9 @@ def _misunderstandings(
     for other in others:
         if other.name != pose.name:
             choices[f"pose {other.name}"] = other.angles
-    return choices
+    qpos = np.repeat(pose.qpos()[None], len(choices), axis=0)
+    qpos[:, 7:] = np.array(list(choices.values()))
+    return tuple(choices), points.tracker_poses(qpos).positions
 
 
 def screen(session: Session, prior: SkeletonPrior) -> tuple[Session, list[Finding]]:
@@ -367,26 +363,20 @@ class PoseJudge:
     ) -> None:
         average = average_subject(prior)
         points = BodyPoints(replace(average, mounts=default_mounts(average, trackers)))
-        self._explanations: dict[str, tuple[str, ...]] = {}
-        self._positions: dict[str, Float[ndarray, "V J 3"]] = {}
-        for pose in poses:
-            choices = _misunderstandings(pose, poses)
-            qpos = np.repeat(pose.qpos()[None], len(choices), axis=0)
-            qpos[:, 7:] = np.array(list(choices.values()))
-            self._explanations[pose.name] = tuple(choices)
-            self._positions[pose.name] = points.tracker_poses(qpos).positions
+        self._expected = {pose.name: _misunderstood(pose, poses, points) for pose in poses}
 
     def judge(self, hold: Hold) -> str:
         """What is plainly wrong with a hold; empty if nothing is."""
         there = hold.position_mask
         if there.sum() < 4:
             return ""
-        predicted = self._positions[hold.pose][:, there]
+        explanations, positions = self._expected[hold.pose]
+        predicted = positions[:, there]
         ratio = _size(hold.positions[there]) / max(_size(predicted[0]), 1e-9)
         # A person may be larger or smaller; another unit is for the whole session to find.
         scale = float(np.clip(ratio, 0.8, 1.25)) if 0.5 < ratio < 2.0 else ratio
         left = _residuals(hold.positions[there], scale * predicted) / scale
-        return _explained(hold.pose, self._explanations[hold.pose], left)
+        return _explained(hold.pose, explanations, left)
 
 
 def _explained(pose: str, explanations: Sequence[str], left: Float[ndarray, " V"]) -> str:
