@@ -9,6 +9,7 @@ Joints of the canonical skeleton are where CMU's fits put them, which is not alw
 an anthropometer finds a landmark; so a ratio is only as good as its `spread` says.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
@@ -80,6 +81,16 @@ NINE_BONES: Final[dict[str, tuple[str, ...]]] = {
 """The nine lengths that calibrations are compared by, and the groups that make each."""
 
 
+def rows_of(parts: Iterable[str]) -> list[int]:
+    """Where groups are in `GROUPS`."""
+    return [GROUPS.index(part) for part in parts]
+
+
+def length_of(parts: Iterable[str], groups: Float[ndarray, "18"]) -> float:
+    """A length that several groups make together [m]."""
+    return float(groups[rows_of(parts)].sum())
+
+
 def group_of_bone() -> Int[ndarray, "30"]:
     """For every bone the index of its length in `GROUPS`."""
     return np.array([GROUPS.index(_group(name)) for name in BONE_NAMES])
@@ -103,7 +114,7 @@ def published_statistics() -> tuple[Float[ndarray, "18"], Float[ndarray, "18 18"
     mean = np.zeros(GROUP_COUNT)
     covariance = np.full((GROUP_COUNT, GROUP_COUNT), (deviation / stature) ** 2)
     for segment in SEGMENTS:
-        rows = [GROUPS.index(part) for part in segment.parts]
+        rows = rows_of(segment.parts)
         mean[rows] = np.log(stature * segment.ratio * np.array(list(segment.parts.values())))
         covariance[np.ix_(rows, rows)] += segment.spread**2
         if len(rows) > 1:

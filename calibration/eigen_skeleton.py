@@ -29,6 +29,7 @@ from calibration.anthropometry import (
     GROUPS,
     group_of_bone,
     published_statistics,
+    rows_of,
 )
 from localreg.body.skeleton import BONE_NAMES
 from localreg.body.subject import Subject, canonical_subject
@@ -294,7 +295,7 @@ def _distances(logarithms: Float[ndarray, "n 18"]) -> Float[ndarray, " n"]:
 
     Only the long bones are asked: hands and feet are fitted poorly in most files.
     """
-    long_bones = [GROUPS.index(name) for name in ("femur", "tibia", "humerus", "radius")]
+    long_bones = rows_of(("femur", "tibia", "humerus", "radius"))
     inside = logarithms[:, long_bones]
     if len(inside) < 4:
         table_mean, table_covariance = published_statistics()

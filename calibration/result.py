@@ -12,8 +12,15 @@ from jaxtyping import Float
 from numpy import ndarray
 from scipy.stats import norm
 
-from calibration.anthropometry import GROUP_COUNT, GROUPS, NINE_BONES, group_of_bone
-from calibration.eigen_skeleton import SkeletonPrior, subject_of
+from calibration.anthropometry import (
+    GROUP_COUNT,
+    GROUPS,
+    NINE_BONES,
+    group_of_bone,
+    length_of,
+    rows_of,
+)
+from calibration.eigen_skeleton import SkeletonPrior, bone_lengths, subject_of
 from calibration.fit import Fit, Session, log_length_covariance
 from calibration.model import TURN_UNIT
 from calibration.solver import information_of, pose_information
@@ -164,7 +171,7 @@ def summarize(
         pose_error=found.pose_sigma,
         chi_square=chi_square,
         lengths_from=prior.sources,
-        length_sd=_per_bone(groups * np.sqrt(np.diag(covariance))),
+        length_sd=bone_lengths(groups * np.sqrt(np.diag(covariance))),
         position_sd={m.tracker: m.position_sd for m in mounts},
         orientation_sd={m.tracker: m.orientation_sd for m in mounts},
         observable=_observable(lengths),
@@ -184,8 +191,7 @@ def summarize(
 
 def nine_lengths(groups: Float[ndarray, "18"]) -> Float[ndarray, "9"]:
     """The nine lengths that calibrations are compared by [m]."""
-    rows = [[GROUPS.index(part) for part in parts] for parts in NINE_BONES.values()]
-    return np.array([groups[row].sum() for row in rows])
+    return np.array([length_of(parts, groups) for parts in NINE_BONES.values()])
 
 
 def nine_deviations(
@@ -201,7 +207,7 @@ def relative_deviation(
     parts: Sequence[str], groups: Float[ndarray, "18"], log_covariance: Float[ndarray, "18 18"]
 ) -> float:
     """Standard deviation of a sum of lengths as a share of it."""
-    rows = [GROUPS.index(part) for part in parts]
+    rows = rows_of(parts)
     shares = groups[rows] / groups[rows].sum()
     return float(np.sqrt(shares @ log_covariance[np.ix_(rows, rows)] @ shares))
 
@@ -248,7 +254,7 @@ def _length(
     before: Float[ndarray, "18 18"],
     alone: Float[ndarray, "18 18"],
 ) -> Length:
-    value = float(groups[[GROUPS.index(part) for part in parts]].sum())
+    value = length_of(parts, groups)
     deviation = relative_deviation(parts, groups, after)
     share = (deviation / relative_deviation(parts, groups, alone)) ** 2
     return Length(
@@ -266,10 +272,6 @@ def _observable(lengths: Sequence[Length]) -> tuple[str, ...]:
     return tuple(
         name for name, group in zip(BONE_NAMES, groups, strict=True) if GROUPS[group] in told
     )
-
-
-def _per_bone(values: Float[ndarray, "18"]) -> dict[str, float]:
-    return dict(zip(BONE_NAMES, values[group_of_bone()].tolist(), strict=True))
 
 
 def _three(values: Float[ndarray, "3"]) -> tuple[float, float, float]:

@@ -12,7 +12,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from calibration.anthropometry import GROUPS, NINE_BONES
+from calibration.anthropometry import NINE_BONES, length_of
 from calibration.calibrate import Outcome, calibrate
 from calibration.eigen_skeleton import (
     SkeletonPrior,
@@ -220,7 +220,7 @@ def height_only(metres: float, out: Path, skeletons: Path | None, name: str) -> 
     table.add_column("[cm]", justify="right")
     table.add_column("90 % within [cm]", justify="right")
     for label, parts in NINE_BONES.items():
-        value = float(prior.lengths[[GROUPS.index(part) for part in parts]].sum())
+        value = length_of(parts, prior.lengths)
         half = QUANTILE_90 * value * relative_deviation(parts, prior.lengths, prior.covariance)
         table.add_row(label, f"{100 * value:.1f}", f"{100 * half:.1f}")
     shown = output()

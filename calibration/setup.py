@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.anthropometry import GROUPS
+from calibration.anthropometry import length_of
 from calibration.eigen_skeleton import lengths_of
 from calibration.performer import Performer, emulated
 from calibration.poses import TargetPose
@@ -47,10 +47,7 @@ class Source:
 def true_lengths(person: Subject) -> dict[str, float]:
     """The lengths of `REPORTED` of a person [m]."""
     groups = lengths_of(person)
-    return {
-        name: float(groups[[GROUPS.index(part) for part in parts]].sum())
-        for name, parts in REPORTED.items()
-    }
+    return {name: length_of(parts, groups) for name, parts in REPORTED.items()}
 
 
 def tracker_mounts(names: Sequence[str], template: Subject | None = None) -> tuple[Mount, ...]:
