@@ -226,7 +226,7 @@ class CalibrationModel(eqx.Module):
         )
         position = jnp.einsum("jab,jb->ja", hold.position_whiteners, away)
         orientation = jnp.einsum("jab,jb->ja", hold.orientation_whiteners, turn)
-        ankles = body.site_poses(bodies, _feet(body.ends)).positions
+        ankles = body.site_poses(bodies, feet_of(body.ends)).positions
         plant = (ankles - self.spots(shared, start)) / beliefs.plant_sigma
         return jnp.concatenate(
             [
@@ -255,7 +255,7 @@ class CalibrationModel(eqx.Module):
         outputs = self.outputs(shared, beliefs, start)
         body = self.body(outputs)
         qpos = self.pose(local, hold.targets, root, beliefs.pose_sigma)
-        feet = _feet(body.ends)
+        feet = feet_of(body.ends)
         sites = Sites(
             body=(*body.trackers.body, *feet.body),
             positions=jnp.concatenate([body.trackers.positions, feet.positions]),
@@ -432,7 +432,8 @@ def dense(linear: Linearized) -> Float[Array, "m n"]:
     return jnp.concatenate([above, below])
 
 
-def _feet(ends: Sites) -> Sites:
+def feet_of(ends: Sites) -> Sites:
+    """The ankles of `FEET` among the ends of all bones."""
     rows = np.array([BODY_NAMES.index(foot) for foot in FEET])
     return Sites(
         body=tuple(ends.body[row] for row in rows),

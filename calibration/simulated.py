@@ -19,10 +19,9 @@ from scipy.spatial.transform import Rotation
 
 from calibration.eigen_skeleton import subject_of
 from calibration.holds import Hold
-from calibration.model import FEET
+from calibration.model import feet_of
 from calibration.poses import TargetPose
 from localreg.body.kinematics import Kinematics, integrate
-from localreg.body.kinematics import Sites as KinematicSites
 from localreg.body.skeleton import BODY_NAMES, DOF_COUNT
 from localreg.body.subject import Mount, Subject
 from localreg.evaluation.body_points import BodyPoints
@@ -162,13 +161,7 @@ def held(
 def _ankles(
     body: Kinematics, qpos: Float[Array, "63"]
 ) -> tuple[Float[Array, "2 3"], Float[Array, "2 3 62"]]:
-    rows = np.array([BODY_NAMES.index(foot) for foot in FEET])
-    sites = KinematicSites(
-        tuple(body.ends.body[row] for row in rows),
-        body.ends.positions[rows],
-        body.ends.quaternions[rows],
-    )
-    poses, jacobian = body.jacobian(qpos, sites)
+    poses, jacobian = body.jacobian(qpos, feet_of(body.ends))
     return poses.positions, jacobian[:, :3]
 
 
