@@ -9,6 +9,9 @@ trackers, the noise model, the search, the solver and the starts of every other 
 is theirs is below.
 """
 
+from collections.abc import Callable
+from typing import Final
+
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -18,7 +21,7 @@ from localreg.body.skeleton import DOF_COUNT
 from localreg.synthesis.energy import Gaussian, LimitTerm, PriorTerm, RootTerm
 from localreg.synthesis.examples import Examples
 from localreg.synthesis.prior import STARTS
-from localreg.synthesis.regression import Normal, joint_projection, per_dof_projection
+from localreg.synthesis.regression import joint_projection, per_dof_projection
 from localreg.synthesis.state import State
 from localreg.synthesis.term_prior import Candidates, Prediction, Question, TermPrior
 
@@ -26,8 +29,10 @@ _NULL = 1e-13  # eigenvalues below this share of the largest are rounding errors
 _STILL = 1e-20  # ... and so are all below this [rad^2]
 
 
-def principal_subspace(poses: Float[Array, "K d"], rank: int, floor: Float[Array, ""]) -> Normal:
-    """The Gaussian whose logarithm is the prior energy of [CH05].
+def principal_subspace(
+    poses: Float[Array, "K d"], rank: int, floor: Float[Array, ""]
+) -> tuple[Float[Array, " d"], Float[Array, "d d"]]:
+    """Mean and covariance of the Gaussian whose logarithm is the prior energy of [CH05].
 
     With U the leading principal directions of the poses and L their variances the energy of
     a pose q = mean + U w + rest is w^T L^-1 w + |rest|^2 / floor^2: coefficients weighted by
@@ -42,7 +47,7 @@ def principal_subspace(poses: Float[Array, "K d"], rank: int, floor: Float[Array
     values, vectors = values[::-1][:rank], vectors[:, ::-1][:, :rank]
     beyond = jnp.maximum(values - floor**2, 0.0)
     identity = jnp.eye(len(mean), dtype=poses.dtype)
-    return Normal(mean, (vectors * beyond) @ vectors.T + floor**2 * identity)
+    return mean, (vectors * beyond) @ vectors.T + floor**2 * identity
 
 
 def principal_component_regression(
@@ -68,19 +73,20 @@ def principal_component_regression(
     return mean + scores @ slopes, jnp.sqrt(jnp.mean((Y - V @ slopes) ** 2, axis=0))
 
 
-class PublishedRegression(TermPrior):
-    """The published prior: input-output PCA on past poses alone ([P]).
+class PastRegression(TermPrior):
+    """A published regression on past poses alone: one of the projections above.
 
     Attributes:
-        rank: r, the directions kept.
-        joint: all outputs in one decomposition, instead of each on its own.
-        floor: least deviation of a joint angle [rad].
+        project: the regression: inputs, outputs, present input and rank to prediction and
+            standard deviations of the training residuals.
+        rank: directions kept.
+        floor: least standard deviation of a predicted joint angle [rad].
         root_position: deviation of the root from constant velocity [m].
         root_orientation: the same [rad].
     """
 
+    project: Callable[[Array, Array, Array, int], tuple[Array, Array]] = eqx.field(static=True)
     rank: int = eqx.field(static=True)
-    joint: bool = eqx.field(static=True)
     floor: Float[Array, ""]
     root_position: Float[Array, ""]
     root_orientation: Float[Array, ""]
@@ -89,8 +95,8 @@ class PublishedRegression(TermPrior):
         """The regression's prediction with the residual of its training examples."""
         valid = jnp.repeat(question.history_valid, DOF_COUNT)
         X = examples.angles[:, 1:].reshape(len(examples.angles), -1) * valid
-        project = joint_projection if self.joint else per_dof_projection
-        mean, sigma = project(X, examples.angles[:, 0], question.history.ravel() * valid, self.rank)
+        x = question.history.ravel() * valid
+        mean, sigma = self.project(X, examples.angles[:, 0], x, self.rank)
         qpos = jnp.concatenate([_coasting_root(state), mean])
         terms = (
             PriorTerm(Gaussian.from_deviations(mean, jnp.maximum(sigma, self.floor))),
@@ -101,6 +107,14 @@ class PublishedRegression(TermPrior):
     def acquire(self, examples: Examples, question: Question) -> Candidates:
         """Mean and deviation of the examples found by the trackers."""
         return _pose_statistics(examples, self.floor)
+
+
+PAST_REGRESSIONS: Final = {
+    "paper": per_dof_projection,
+    "joint": joint_projection,
+    "lpcr": principal_component_regression,
+}
+"""The published regressions by the name of their prior."""
 
 
 class InverseKinematics(TermPrior):
@@ -161,14 +175,14 @@ class LocalSubspace(TermPrior):
 
     def predict(self, examples: Examples, question: Question, state: State) -> Prediction:
         """The subspace of the neighbours, pulled towards where the last two poses lead."""
-        subspace = principal_subspace(examples.angles[:, 0], self.rank, self.floor)
+        mean, covariance = principal_subspace(examples.angles[:, 0], self.rank, self.floor)
         now, before = question.history[0], question.history[1]
         # With one pose known there is no velocity yet, with none nothing to be smooth with.
         coasting = jnp.where(question.history_valid[1], 2.0 * now - before, now)
         slack = jnp.where(question.history_valid[0], self.smoothness, 1e3)
-        qpos = jnp.concatenate([_coasting_root(state), subspace.mean])
+        qpos = jnp.concatenate([_coasting_root(state), mean])
         terms = (
-            PriorTerm(Gaussian.from_covariance(*subspace)),
+            PriorTerm(Gaussian.from_covariance(mean, covariance)),
             PriorTerm(Gaussian.from_deviations(coasting, jnp.full(DOF_COUNT, slack))),
             RootTerm(qpos, self.root_position, self.root_orientation),
         )
@@ -176,40 +190,6 @@ class LocalSubspace(TermPrior):
 
     def acquire(self, examples: Examples, question: Question) -> Candidates:
         """The subspace of the examples found by the trackers."""
-        return _pose_statistics(examples, self.floor)
-
-
-class PrincipalRegression(TermPrior):
-    """LPCR [L11]: principal component regression on the past poses.
-
-    Attributes:
-        rank: principal directions of the inputs.
-        floor: least standard deviation of a predicted joint angle [rad].
-        root_position: deviation of the root from constant velocity [m].
-        root_orientation: the same [rad].
-    """
-
-    rank: int = eqx.field(static=True)
-    floor: Float[Array, ""]
-    root_position: Float[Array, ""]
-    root_orientation: Float[Array, ""]
-
-    def predict(self, examples: Examples, question: Question, state: State) -> Prediction:
-        """The regression's prediction with the residual of its training examples."""
-        valid = jnp.repeat(question.history_valid, DOF_COUNT)
-        X = examples.angles[:, 1:].reshape(len(examples.angles), -1) * valid
-        mean, sigma = principal_component_regression(
-            X, examples.angles[:, 0], question.history.ravel() * valid, self.rank
-        )
-        qpos = jnp.concatenate([_coasting_root(state), mean])
-        terms = (
-            PriorTerm(Gaussian.from_deviations(mean, jnp.maximum(sigma, self.floor))),
-            RootTerm(qpos, self.root_position, self.root_orientation),
-        )
-        return Prediction(qpos, terms)
-
-    def acquire(self, examples: Examples, question: Question) -> Candidates:
-        """Mean and deviation of the examples found by the trackers."""
         return _pose_statistics(examples, self.floor)
 
 

@@ -252,7 +252,7 @@ def _predict(
     raw = query.history.ravel()
     trust = np.ones(len(pose.noise))
     x = pose.reduce(np.concatenate([raw, query.features]), trust)
-    X = pose.reduced[rows].astype(float)
+    X = pose.of(rows, trust)
     fit = LocalFit(X, database.angles[rows].astype(float), weights, within_reach(X, weights, x))
     known = np.zeros(DOF_COUNT)
     if ridge is not None:
@@ -261,7 +261,7 @@ def _predict(
     # The past before a step is known better than its share of lasting noise says.
     past = database.histories(np.array([row]), settings.history)[0].ravel().astype(float)
     s = step.reduce(past, trust[: len(past)])
-    S = step.reduced[rows].astype(float)
+    S = step.of(rows, trust[: len(past)])
     fit = LocalFit(S, transitions[rows].astype(float), weights, within_reach(S, weights, s))
     step_errors = transitions[row] - fit.predictions(STEP_RIDGES)
     middle = rows[int(NEAR * settings.neighbours)]

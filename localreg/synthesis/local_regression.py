@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from numpy import ndarray
 
 from localreg.body.chain import Chain, difference, integrate
@@ -90,37 +90,34 @@ class LocalRegression(Prior):
             feature_noise: what each feature column is off by.
             chain: the body that wears the trackers.
         """
-        seen = source.database.angles[source.targets].astype(float)
-        limits = Limits(seen.min(axis=0), seen.max(axis=0), settings.limit_softness)
+        seen = source.database.angles[source.targets]
+        low, high = seen.min(axis=0).astype(float), seen.max(axis=0).astype(float)
+        limits = Limits(low, high, settings.limit_softness)
         return cls(settings, source, learn(source, settings, feature_noise, chain), limits)
 
     def expect(self, query: Query, state: State) -> Expectation:
         """Pose and step regression, fused with the belief of the last frame."""
         settings = self.settings
         neighbours = self.source.search.search(query, settings.neighbours)
+        weights = kernel_weights(neighbours.squared_distances)
         distance = self._distance(neighbours, query)
-        step, step_spread = self._step(neighbours, query, state, distance)
+        before = np.asarray(state.qpos, dtype=float)
+        step = _in_the_world(self._step(neighbours.rows, weights, query, distance), before)
+        nothing = np.zeros_like(step.covariance)
+        drift = state.drift or Drift(np.zeros(TANGENT_SIZE), step.covariance, nothing)
+        lasts = settings.drift_memory
+        mean = lasts * drift.mean
+        spread = lasts**2 * drift.covariance + (1.0 - lasts**2) * step.covariance
         floor = np.repeat(
             [settings.step_floor_position, settings.step_floor_angle], [3, 3 + DOF_COUNT]
         )
-        drift = state.drift
-        lasts = settings.drift_memory
-        before = np.asarray(state.covariance)
-        if drift is None:
-            mean, spread = np.zeros(TANGENT_SIZE), step_spread
-            cross = spread
-            covariance = before + spread
-        else:
-            mean = lasts * drift.mean
-            spread = lasts**2 * drift.covariance + (1.0 - lasts**2) * step_spread
-            cross = lasts * drift.cross + spread
-            covariance = before + lasts * (drift.cross + drift.cross.T) + spread
-        covariance = covariance + np.diag(floor**2)
+        covariance = np.asarray(state.covariance) + spread + np.diag(floor**2)
+        covariance += lasts * (drift.cross + drift.cross.T)
         qpos = np.empty(7 + DOF_COUNT)
-        integrate(np.asarray(state.qpos, dtype=float), step + mean, qpos)
+        integrate(before, step.mean + mean, qpos)
         carried = np.linalg.inv(covariance)
         carried = 0.5 * (carried + carried.T)
-        pose = self._pose(neighbours, query, distance)
+        pose = self._pose(neighbours.rows, weights, query, distance)
         new = settings.pose_information * np.linalg.inv(pose.covariance)
         information = carried.copy()
         information[6:, 6:] += 0.5 * (new + new.T)
@@ -129,7 +126,7 @@ class LocalRegression(Prior):
         return Expectation(
             belief=Belief(qpos, np.linalg.solve(information, pull), information, self.limits),
             covariance=covariance,
-            drift=Drift(mean, spread, cross),
+            drift=Drift(mean, spread, lasts * drift.cross + spread),
             caution=self.experience.caution,
             confidence=min(1.0, self.experience.usual / max(distance, 1e-9)),
         )
@@ -154,7 +151,9 @@ class LocalRegression(Prior):
     def acquire(self, query: Query) -> Acquisition:
         """The pose regression's answer without a past, and some of the examples themselves."""
         neighbours = self.source.search.search(query, self.settings.neighbours)
-        pose = self._pose(neighbours, query, self._distance(neighbours, query))
+        weights = kernel_weights(neighbours.squared_distances)
+        distance = self._distance(neighbours, query)
+        pose = self._pose(neighbours.rows, weights, query, distance)
         examples = self.source.database.angles[neighbours.rows].astype(float)
         return Acquisition(
             spread_starts(pose.mean, examples), pose.mean, np.linalg.inv(pose.covariance)
@@ -166,44 +165,44 @@ class LocalRegression(Prior):
         whole = self.experience.whole_distance(near, query.history_valid, query.feature_trust)
         return float(min(whole, _FARTHEST))
 
-    def _pose(self, neighbours: Neighbours, query: Query, distance: float) -> Normal:
-        rows, squared = neighbours
-        weights = kernel_weights(squared)
+    def _pose(
+        self,
+        rows: Int[ndarray, " K"],
+        weights: Float[ndarray, " K"],
+        query: Query,
+        distance: float,
+    ) -> Normal:
         inputs = self.experience.pose
         trust = np.concatenate([np.repeat(query.history_valid, DOF_COUNT), query.feature_trust])
         x = inputs.reduce(np.concatenate([query.history.ravel(), query.features]), trust)
-        if np.all(trust == 1.0):
-            X = inputs.reduced[rows].astype(float)
-        else:
-            database, history = self.source.database, self.settings.history
-            past = database.histories(rows, history).reshape(len(rows), -1)
-            X = inputs.reduce(np.hstack([past, self.source.features[rows]]).astype(float), trust)
-        Y = self.source.database.angles[rows].astype(float)
+        X, Y = inputs.of(rows, trust), self.source.database.angles[rows].astype(float)
         fit = LocalFit(X, Y, weights, within_reach(X, weights, x))
         mean, covariance = fit.normal(POSE_RIDGES, self.experience.pose_ridge)
         covariance = covariance + distance * self.experience.pose_growth
         return Normal(mean, covariance + self.settings.floor**2 * np.eye(DOF_COUNT))
 
     def _step(
-        self, neighbours: Neighbours, query: Query, state: State, distance: float
-    ) -> tuple[Float[ndarray, "62"], Float[ndarray, "62 62"]]:
-        """The step and its covariance, root translation turned into world axes."""
-        rows, squared = neighbours
-        weights = kernel_weights(squared)
+        self,
+        rows: Int[ndarray, " K"],
+        weights: Float[ndarray, " K"],
+        query: Query,
+        distance: float,
+    ) -> Normal:
+        """The step, root translation in the root's own axes."""
         inputs = self.experience.step
         trust = np.repeat(query.history_valid, DOF_COUNT).astype(float)
         x = inputs.reduce(query.history.ravel(), trust)
-        if trust.all():
-            X = inputs.reduced[rows].astype(float)
-        else:
-            past = self.source.database.histories(rows, self.settings.history)
-            X = inputs.reduce(past.reshape(len(rows), -1).astype(float), trust)
-        fit = LocalFit(
-            X, self.experience.steps[rows].astype(float), weights, within_reach(X, weights, x)
-        )
+        X, Y = inputs.of(rows, trust), self.experience.steps[rows].astype(float)
+        fit = LocalFit(X, Y, weights, within_reach(X, weights, x))
         mean, covariance = fit.normal(STEP_RIDGES, self.experience.step_ridge)
-        covariance = covariance + distance * self.experience.step_growth
-        turn = quaternions_to_matrices(np.asarray(state.qpos)[3:7])
-        frame = np.eye(TANGENT_SIZE)
-        frame[:3, :3] = turn
-        return frame @ mean, frame @ covariance @ frame.T
+        return Normal(mean, covariance + distance * self.experience.step_growth)
+
+
+def _in_the_world(step: Normal, qpos: Float[ndarray, "63"]) -> Normal:
+    """The step with its root translation turned from the root's axes into the world's."""
+    turn = quaternions_to_matrices(qpos[3:7])
+    mean, covariance = step.mean.copy(), step.covariance.copy()
+    mean[:3] = turn @ mean[:3]
+    covariance[:3] = turn @ covariance[:3]
+    covariance[:, :3] = covariance[:, :3] @ turn.T
+    return Normal(mean, covariance)

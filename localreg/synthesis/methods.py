@@ -15,10 +15,10 @@ from localreg.database.neighbours import Metric
 from localreg.database.store import DEFAULT_RATE, PoseDatabase
 from localreg.errors import SynthesisError
 from localreg.synthesis.baselines import (
+    PAST_REGRESSIONS,
     InverseKinematics,
     LocalSubspace,
-    PrincipalRegression,
-    PublishedRegression,
+    PastRegression,
 )
 from localreg.synthesis.examples import ExampleSource, example_source, features_for
 from localreg.synthesis.local_regression import LocalRegression
@@ -102,13 +102,9 @@ def _database_prior(
 def _published(settings: Settings) -> TermPrior:
     floor = jnp.asarray(settings.floor)
     root = jnp.asarray(settings.root_position), jnp.asarray(settings.root_orientation)
-    match settings.prior:
-        case "lpca":
-            return LocalSubspace(settings.rank, floor, jnp.asarray(settings.smoothness), *root)
-        case "lpcr":
-            return PrincipalRegression(settings.rank, floor, *root)
-        case _:
-            return PublishedRegression(settings.rank, settings.prior == "joint", floor, *root)
+    if settings.prior == "lpca":
+        return LocalSubspace(settings.rank, floor, jnp.asarray(settings.smoothness), *root)
+    return PastRegression(PAST_REGRESSIONS[settings.prior], settings.rank, floor, *root)
 
 
 def _inverse_kinematics(settings: Settings) -> InverseKinematics:

@@ -1,12 +1,9 @@
-"""Local regression: from K examples to a prediction with an honest covariance.
+"""The published regressions: input-output projections of K examples ([P]).
 
-Every function here takes inputs X (K x n), outputs Y (K x d) and the present input x, and
-returns a Gaussian over the present output. Sources: [P] "realtime motion control with
-local regression models and six inertial sensors"; [L11] Liu et al. 2011, "Realtime human
-motion control with a small number of inertial sensors".
+Both functions take inputs X (K x n), outputs Y (K x d), the present input x and a rank, and
+return the prediction with the standard deviations of the training residuals about it. [P]
+"realtime motion control with local regression models and six inertial sensors".
 """
-
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,13 +14,6 @@ from localreg import numerics as numerics
 _BISECTIONS = 60  # halves the bracket of an eigenvalue down to double precision
 _NULL = 1e-13  # eigenvalues below this share of the largest are rounding errors
 _LEAST_INPUT = 1e-6  # 1 - |u_y|^2 below which a subspace says nothing about the output
-
-
-class Normal(NamedTuple):
-    """A Gaussian over d outputs."""
-
-    mean: Float[Array, " d"]
-    covariance: Float[Array, "d d"]
 
 
 def per_dof_projection(

@@ -28,11 +28,21 @@ class Inputs:
         noise: what each raw input is off by.
         basis: principal directions of the inputs in units of their noise.
         reduced: every pose's inputs in that basis; rows without a full past are not used.
+        raw: reads the inputs of some rows as they are.
     """
 
     noise: Float[ndarray, " n"]
     basis: Float32[ndarray, "n r"]
     reduced: Float32[ndarray, "N r"]
+    raw: Callable[[Int[ndarray, " rows"]], Float32[ndarray, "rows n"]]
+
+    def of(
+        self, rows: Int[ndarray, " rows"], trust: Float[ndarray, " n"]
+    ) -> Float[ndarray, "rows r"]:
+        """Inputs of some rows in the basis, with no more trust than the query's."""
+        if np.all(trust == 1.0):
+            return self.reduced[rows].astype(float)
+        return self.reduce(self.raw(rows).astype(float), trust)
 
     def reduce(
         self, raw: Float[ndarray, "*k n"], trust: Float[ndarray, " n"]
@@ -110,4 +120,4 @@ def _inputs(
     for begin in range(0, len(rows), _CHUNK):
         chunk = rows[begin : begin + _CHUNK]
         reduced[chunk] = raw(chunk) @ onto
-    return Inputs(noise, basis, reduced)
+    return Inputs(noise, basis, reduced, raw)

@@ -15,7 +15,8 @@ from localreg.body import chain
 from localreg.database.neighbours import Query
 from localreg.evaluation.trackers import simulate_trackers
 from localreg.motion.motion import Motion
-from localreg.synthesis.local_regression import LocalRegression
+from localreg.synthesis.local_fit import kernel_weights
+from localreg.synthesis.local_regression import LocalRegression, _in_the_world
 from localreg.synthesis.prior import Expectation
 from localreg.synthesis.state import State
 from localreg.synthesis.synthesizer import Synthesizer
@@ -74,8 +75,10 @@ def standardize(localreg: Synthesizer, motion: Motion) -> Standardized:
         now, before = motion.qpos[index], motion.qpos[index - 1]
         neighbours = prior.source.search.search(query, prior.settings.neighbours)
         distance = prior._distance(neighbours, query)
-        pose = prior._pose(neighbours, query, distance)
-        mean, spread = prior._step(neighbours, query, state, distance)
+        weights = kernel_weights(neighbours.squared_distances)
+        pose = prior._pose(neighbours.rows, weights, query, distance)
+        step = prior._step(neighbours.rows, weights, query, distance)
+        mean, spread = _in_the_world(step, state.qpos)
         assert expected.covariance is not None
         parts = (
             ((now[7:] - pose.mean), np.diagonal(pose.covariance), bent),

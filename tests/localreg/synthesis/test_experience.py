@@ -69,6 +69,7 @@ def arrays(found: Experience) -> dict[str, ndarray]:
         f"{part}.{name}": value
         for part in PARTS
         for name, value in vars(getattr(found, part)).items()
+        if not callable(value)
     }
     return fields | parts
 

@@ -25,11 +25,10 @@ class Misled(LocalRegression):
     joint: int
     amount: float
 
-    def _step(self, neighbours, query, state, distance):
-        mean, covariance = super()._step(neighbours, query, state, distance)
-        mean = mean.copy()
-        mean[6 + self.joint] -= self.amount
-        return mean, covariance
+    def _step(self, rows, weights, query, distance):
+        step = super()._step(rows, weights, query, distance)
+        step.mean[6 + self.joint] -= self.amount
+        return step
 
 
 class Forgetful(LocalRegression):

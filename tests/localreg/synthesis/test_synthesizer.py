@@ -14,7 +14,7 @@ from localreg.database import PoseDatabase
 from localreg.database.neighbours import Neighbours, NeighbourSearch, Query
 from localreg.errors import DatabaseError
 from localreg.evaluation.trackers import simulate_trackers
-from localreg.synthesis.baselines import PublishedRegression
+from localreg.synthesis.baselines import PastRegression
 from localreg.synthesis.estimator import Pose, Result
 from localreg.synthesis.experience import learn
 from localreg.synthesis.local_regression import LocalRegression
@@ -35,13 +35,13 @@ class Traces(dict[str, int]):
 def traces(monkeypatch: pytest.MonkeyPatch) -> Traces:
     counted = Traces(predict=0, acquire=0)
     for name in counted:
-        method = getattr(PublishedRegression, name)
+        method = getattr(PastRegression, name)
 
         def counting(*args, _name=name, _method=method):
             counted[_name] += 1
             return _method(*args)
 
-        monkeypatch.setattr(PublishedRegression, name, counting)
+        monkeypatch.setattr(PastRegression, name, counting)
     return counted
 
 
