@@ -9,12 +9,7 @@ to the pose in all outputs. Memory is the daemon's resident set once a second; i
 the slope of a line through the second half of the run.
 """
 
-import http.client
-import json
-import re
 import socket
-import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -26,6 +21,7 @@ import typer
 from jaxtyping import Float
 from numpy import ndarray
 
+from benchmarks.daemon import running_daemon
 from localreg.commands.console import notes, output, progress_bar
 from localreg.evaluation.results import program_version, write_json
 from localreg.live.demo.playlist import Playlist
@@ -35,7 +31,6 @@ from sensors.emulators.process import EmulatorProcess
 RATE = 40.0
 """Frames a second [Hz]."""
 
-_STARTUP = 300.0
 _CONFIG = """
 [[devices]]
 driver = "is900"
@@ -113,49 +108,15 @@ def measure(minutes: float, method: str, record: bool) -> dict[str, Any]:
 
 def _watch(config: Path, arguments: list[str], seconds: float) -> list[dict[str, Any]]:
     """The daemon's state, once a second from its first frame on."""
-    command = [sys.executable, "-m", "localreg", "run", "--config", str(config)]
-    with subprocess.Popen(
-        [*command, "--status-port", "0", *arguments],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as daemon:
-        try:
-            assert daemon.stderr is not None  # noqa: S101
-            port = _status_port(daemon.stderr.readline())
-            threading.Thread(target=daemon.stderr.read, daemon=True).start()
-            give_up = time.monotonic() + _STARTUP
-            # Nobody answers until it is warm.
-            while not (state := _state(port))["published"]:
-                if time.monotonic() > give_up:
-                    raise RuntimeError("the daemon publishes nothing; see localreg doctor")
-                time.sleep(0.05)
-            states = [state]
-            with progress_bar("measuring") as bar:
-                begun = time.monotonic()
-                for second in range(1, round(seconds) + 1):
-                    time.sleep(max(0.0, begun + second - time.monotonic()))
-                    states.append(_state(port))
-                    bar(second, round(seconds), f"{states[-1]['late_frames']} late")
-            return states
-        finally:
-            daemon.terminate()
-
-
-def _status_port(line: str) -> int:
-    match = re.search(r"127\.0\.0\.1:(\d+)", line)
-    if match is None:
-        raise RuntimeError(f"the daemon did not start: {line.strip()}")
-    return int(match[1])
-
-
-def _state(port: int) -> dict[str, Any]:
-    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=_STARTUP)
-    try:
-        connection.request("GET", "/")
-        return json.loads(connection.getresponse().read())
-    finally:
-        connection.close()
+    with running_daemon(config, arguments) as daemon:
+        states = [daemon.until_published(1)]
+        with progress_bar("measuring") as bar:
+            begun = time.monotonic()
+            for second in range(1, round(seconds) + 1):
+                time.sleep(max(0.0, begun + second - time.monotonic()))
+                states.append(daemon.state())
+                bar(second, round(seconds), f"{states[-1]['late_frames']} late")
+    return states
 
 
 def figures_of(
