@@ -115,7 +115,7 @@ def _graphics() -> Iterator[Finding]:
     if os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
         yield Finding("display", "ok", "a window can be opened")
     else:
-        yield Finding("display", "note", "none", "view in a browser, or without a view")
+        yield Finding("display", "note", "none", "pictures are drawn off screen")
 
 
 def _serial_ports() -> Iterator[Finding]:
