@@ -10,6 +10,7 @@ import sys
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, entry_points, version
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Annotated, Any, Final, NamedTuple
 
 import typer
@@ -88,7 +89,7 @@ class LazyGroup(TyperGroup):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """As always, but `--debug` may stand anywhere."""
         end = args.index("--") if "--" in args else len(args)
-        ctx.obj = {"debug": _DEBUG in args[:end]}
+        ctx.obj = {"debug": _DEBUG in args[:end], "find_config": _find_config}
         args = [arg for i, arg in enumerate(args) if arg != _DEBUG or i >= end]
         return super().parse_args(ctx, args)
 
@@ -155,6 +156,13 @@ def main() -> None:
 
     keep_compiled_code()
     app()
+
+
+def _find_config(name: str) -> Path:
+    """For commands of other packages that take a configuration."""
+    from localreg.live.config_files import find_config
+
+    return find_config(name)
 
 
 def _commands() -> dict[str, Command]:

@@ -3,7 +3,7 @@
 import contextlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -112,8 +112,22 @@ Target = Annotated[
         "vmc://[HOST]:PORT, vrchat://[HOST]:PORT, or a recording (.mcap)."
     ),
 ]
+
+
+def _found(ctx: Any, file: Path | None) -> Path | None:
+    """The file that `--config` means: a program around us may know some by name."""
+    find = (ctx.obj or {}).get("find_config", Path)
+    return None if file is None else find(str(file))
+
+
 ConfigFile = Annotated[
-    Path | None, typer.Option("--config", help="Take the devices from this file instead.")
+    Path | None,
+    typer.Option(
+        "--config",
+        metavar="NAME|FILE",
+        callback=_found,
+        help="Take the devices from this configuration instead.",
+    ),
 ]
 Stations = Annotated[
     list[str] | None,
@@ -151,7 +165,7 @@ def monitor(
 
     localreg sensors monitor /dev/ttyUSB0
 
-    localreg sensors monitor --config configs/is900.toml
+    localreg sensors monitor --config is900
     """
     from sensors.commands.monitor import watch
     from sensors.targets import chosen

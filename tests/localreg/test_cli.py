@@ -141,3 +141,13 @@ def test_output_that_nobody_reads_is_no_error() -> None:
     assert done.returncode == 0
     assert "Traceback" not in done.stderr
     assert "BrokenPipe" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("config", "says"),
+    [("is90", "did you mean is900?"), ("demo", "cannot open emulator")],
+)
+def test_commands_of_the_sensors_know_configurations_by_name(config: str, says: str) -> None:
+    result = run(app, ["sensors", "monitor", "--config", config])
+    assert result.exit_code == 1
+    assert says in result.stderr
