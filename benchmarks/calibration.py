@@ -8,7 +8,6 @@ joints. Beside the errors stands the Cramer-Rao bound (with beliefs: van Trees),
 absolute error that it allows. Without ASF files people are drawn from the published table.
 """
 
-import json as json_module
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -34,6 +33,7 @@ from calibration.eigen_skeleton import (
 )
 from calibration.fit import FitSettings, align, default_mounts
 from calibration.holds import Hold
+from calibration.motion_mounts import apart
 from calibration.observability import expected_deviations, information
 from calibration.poses import EIGHT_POSES, NAIVE_POSES, TargetPose, with_swapped
 from calibration.result import QUANTILE_90, nine_deviations, nine_lengths
@@ -44,6 +44,7 @@ from localreg.database.store import PoseDatabase
 from localreg.evaluation.body_points import BodyPoints
 from localreg.evaluation.metrics import SETTLING_FRAMES, joint_angle_errors_deg
 from localreg.evaluation.playback import play
+from localreg.evaluation.results import without_nan, write_json
 from localreg.evaluation.trackers import simulate_trackers
 from localreg.motion.sources import read_sources
 from localreg.synthesis.methods import build_estimator
@@ -169,19 +170,8 @@ def run_trial(person: Person, condition: Condition) -> Trial:
     seconds = time.perf_counter() - begin
     result = outcome.result
     error = nine_lengths(result.groups) / nine_lengths(person.lengths) - 1.0
-    apart = [
-        (
-            float(np.linalg.norm(np.array(found.position) - np.array(true.position))),
-            float(
-                (
-                    Rotation.from_quat(true.quaternion, scalar_first=True).inv()
-                    * Rotation.from_quat(found.quaternion, scalar_first=True)
-                ).magnitude()
-            ),
-        )
-        for found, true in zip(result.subject.mounts, body.mounts, strict=True)
-    ]
-    mounts, turns = np.array(apart).T
+    pairs = zip(body.mounts, result.subject.mounts, strict=True)
+    mounts, turns = np.array([apart(true, found) for true, found in pairs]).T
     return Trial(
         error,
         nine_deviations(result.groups, result.log_covariance),
@@ -293,14 +283,14 @@ def synthesis_errors(
                 estimator = build_estimator("localreg", wearer, database, allowed)
                 qpos = play(estimator, trackers).qpos
                 ends = BodyPoints(wearer).bone_ends(qpos)
-                apart = np.linalg.norm(ends - truth, axis=-1)[SETTLING_FRAMES:]
+                distances = np.linalg.norm(ends - truth, axis=-1)[SETTLING_FRAMES:]
                 angles = joint_angle_errors_deg(qpos[:, 7:], motion.angles)[SETTLING_FRAMES:]
                 rows.append(
                     {
                         "person": person.name,
                         "clip": clip.provenance.name,
                         "subject": name,
-                        "mpjpe_cm": float(100.0 * apart.mean()),
+                        "mpjpe_cm": float(100.0 * distances.mean()),
                         "joint_angle_error_deg": float(angles.mean()),
                     }
                 )
@@ -366,7 +356,7 @@ def main(
         document["synthesis"] = {"clips": rows, "mean": synthesis_means(rows)}
         shown.print(_synthesis_table(synthesis_means(rows)))
     if json is not None:
-        json.write_text(json_module.dumps(document, indent=2) + "\n", encoding="utf-8")
+        write_json(without_nan(document), json)
         notes().print(f"figures: {json}")
 
 

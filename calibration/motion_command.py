@@ -11,7 +11,7 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from calibration.motion_mounts import MountCheck, check_mounts, refine_mounts
+from calibration.motion_mounts import MountCheck, apart, check_mounts, refine_mounts
 from calibration.setup import configured, recorded
 from localreg.body.subject import Subject, read_subject, write_subject
 from localreg.commands.console import notes, output, progress_bar
@@ -82,9 +82,8 @@ def refine(file: Path, out: Path, options: MotionOptions) -> None:
     for name in ("", "by [mm]", "by [deg]"):
         table.add_column(name, justify="left" if not name else "right")
     for old, new in zip(subject.mounts, better.mounts, strict=True):
-        moved = 1e3 * np.linalg.norm(np.array(new.position) - np.array(old.position))
-        angle = 2.0 * np.arccos(min(1.0, abs(np.array(old.quaternion) @ np.array(new.quaternion))))
-        table.add_row(new.tracker, f"{moved:.0f}", f"{np.degrees(angle):.1f}")
+        distance, turn = apart(old, new)
+        table.add_row(new.tracker, f"{1e3 * distance:.0f}", f"{np.degrees(turn):.1f}")
     shown = output()
     shown.print(table)
     shown.print(f"subject: {out}", soft_wrap=True)

@@ -85,6 +85,13 @@ class MountCheck:
         return self.score > _SLIPPED
 
 
+def apart(one: Mount, other: Mount) -> tuple[float, float]:
+    """How far two mounts are from each other [m], and turned against each other [rad]."""
+    distance = float(np.linalg.norm(np.array(one.position) - np.array(other.position)))
+    turns = Rotation.from_quat([one.quaternion, other.quaternion], scalar_first=True)
+    return distance, float((turns[0].inv() * turns[1]).magnitude())
+
+
 def read_mount(
     estimator: AnyEstimator,
     frames: Sequence[TrackerFrame],
