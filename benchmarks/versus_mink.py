@@ -33,17 +33,11 @@ from localreg.commands.reading import OverridesFile, SourceRate, Sources, read
 from localreg.compile_cache import keep_compiled_code
 from localreg.database import PoseDatabase
 from localreg.evaluation.body_points import BodyPoints
-from localreg.evaluation.leave_one_out import Progress
+from localreg.evaluation.leave_one_out import Progress, settings_of
 from localreg.evaluation.metrics import compare
 from localreg.evaluation.playback import play
 from localreg.evaluation.protocol import Protocol, Trial, plan_trials
-from localreg.evaluation.results import (
-    ClipResult,
-    Evaluation,
-    Settings,
-    program_version,
-    write_json,
-)
+from localreg.evaluation.results import ClipResult, Evaluation, write_json
 from localreg.evaluation.summaries import badness, to_json
 from localreg.evaluation.trackers import simulate_trackers
 from localreg.evaluation.worker import Worker
@@ -89,17 +83,12 @@ def run_clips(
             progress(number, len(trials), trial.motion.provenance.name)
     order = [*protocol.methods, "mink", "mink-truth"]
     results.sort(key=lambda clip: (order.index(clip.method), protocol.signals.index(clip.signals)))
-    quality = protocol.quality
     return Evaluation(
-        Settings(
-            database.rate, protocol.seed, protocol.start, quality.noise_position,
-            float(np.degrees(quality.noise_orientation)),
-            f"leave-out {protocol.leave_out or 'copies'}", program_version(),
-        ),
+        settings_of(protocol, database),
         tuple(results),
         tuple(short),
         {"mink": settings._asdict(), "trackers": protocol.trackers},
-    )  # fmt: skip
+    )
 
 
 def mink_results(trial: Trial, protocol: Protocol, settings: MinkSettings) -> list[ClipResult]:

@@ -3,8 +3,6 @@
 import math
 from typing import Final
 
-import numpy as np
-
 from localreg.commands.grids import Grid
 from localreg.evaluation.metrics import FIGURES, Figures, mean_figures
 from localreg.evaluation.results import Evaluation
@@ -47,10 +45,10 @@ def mean_table(evaluation: Evaluation) -> Grid:
         table.add_section()
     one = evaluation.clips[0]
     same = [c.comparison for c in evaluation.of(one.method, one.signals)]
-    truth = Figures(
-        jitter_m_s3=_mean([c.true_jitter_m_s3 for c in same]),
-        foot_skate_cm_s=_mean([c.true_foot_skate_cm_s for c in same]),
-    )
+    truth = mean_figures(
+        [Figures(jitter_m_s3=c.true_jitter_m_s3, foot_skate_cm_s=c.true_foot_skate_cm_s)
+         for c in same]
+    )  # fmt: skip
     table.add_row("(truth)", "", *_cells(truth))
     if any(clip.signals == "orientation" for clip in evaluation.clips):
         table.caption = _PLACELESS
@@ -214,8 +212,3 @@ def _interval(found: Difference) -> str:
         return _cell(found.mean)
     mark = " *" if found.is_sure else ""
     return f"{found.mean:+.2f} [{found.low:+.2f}, {found.high:+.2f}]{mark}"
-
-
-def _mean(values: list[float | None]) -> float | None:
-    known = [value for value in values if value is not None]
-    return float(np.mean(known)) if known else None

@@ -61,18 +61,23 @@ def evaluate(
             if progress is not None:
                 progress(done, total, clip[0].name)
     return Evaluation(
-        settings=Settings(
-            rate_hz=database.rate,
-            seed=protocol.seed,
-            start=protocol.start,
-            noise_position_m=protocol.quality.noise_position,
-            noise_orientation_deg=float(np.degrees(protocol.quality.noise_orientation)),
-            database=_describe(folder, protocol),
-            version=program_version(),
-        ),
+        settings=settings_of(protocol, database, folder),
         clips=tuple(_in_order(results, trials, protocol)),
         too_short=tuple(short),
         conditions=_conditions(protocol),
+    )
+
+
+def settings_of(protocol: Protocol, database: PoseDatabase, folder: Path | None = None) -> Settings:
+    """What figures depend on, as the contract names it; arguments as for `evaluate`."""
+    return Settings(
+        rate_hz=database.rate,
+        seed=protocol.seed,
+        start=protocol.start,
+        noise_position_m=protocol.quality.noise_position,
+        noise_orientation_deg=float(np.degrees(protocol.quality.noise_orientation)),
+        database=_describe(folder, protocol),
+        version=program_version(),
     )
 
 
