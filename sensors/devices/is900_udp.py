@@ -8,35 +8,23 @@ from sensors.chunk import Chunk
 from sensors.clock import DeviceClock
 from sensors.devices.base import ChunkSink
 from sensors.devices.decoder import Decoder
-from sensors.devices.settings import DeviceSettings
-from sensors.devices.udp_device import UdpDevice
+from sensors.devices.udp_device import UdpDevice, UdpSettings
 from sensors.errors import MalformedRecordError
 from sensors.protocols import is900_udp
 from sensors.protocols.is900.axes import flip_position, flip_quaternion
 from sensors.stream import Received, SampleQueue
 
 
-class Is900UdpConfig(DeviceSettings):
+class Is900UdpConfig(UdpSettings):
     """Settings of the driver.
 
     Attributes:
-        host: local address to listen on; "0.0.0.0" hears every network.
         port: UDP port.
-        sender: only datagrams from this address count; empty: from anybody.
         stations: station number of each tracker name, for example `{head = 1}`.
-        silence_timeout: without a packet for this long the state says silent [s].
     """
 
     driver: Literal["is900-udp"] = "is900-udp"
-    host: str = "127.0.0.1"
     port: int = Field(default=is900_udp.DEFAULT_PORT, ge=0, le=65535)
-    sender: str = ""
-    silence_timeout: float = Field(default=2.0, gt=0.0)
-
-    @property
-    def address(self) -> str:
-        """Where it listens."""
-        return f"UDP {self.host}:{self.port}"
 
 
 class Is900UdpDecoder(Decoder):
@@ -95,14 +83,4 @@ class Is900UdpDevice(UdpDevice):
         samples: SampleQueue | None = None,
         recorder: ChunkSink | None = None,
     ) -> None:
-        super().__init__(
-            config,
-            Is900UdpDecoder(config),
-            host=config.host,
-            port=config.port,
-            sender=config.sender,
-            silence_timeout=config.silence_timeout,
-            samples=samples,
-            recorder=recorder,
-        )
-        self.config = config
+        super().__init__(config, Is900UdpDecoder(config), samples, recorder)

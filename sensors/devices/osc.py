@@ -18,8 +18,7 @@ from sensors.chunk import Chunk
 from sensors.clock import DeviceClock
 from sensors.devices.base import ChunkSink
 from sensors.devices.decoder import Decoder
-from sensors.devices.settings import DeviceSettings
-from sensors.devices.udp_device import UdpDevice
+from sensors.devices.udp_device import UdpDevice, UdpSettings
 from sensors.errors import MalformedRecordError
 from sensors.protocols import osc, unity
 from sensors.rotation import Array
@@ -37,28 +36,17 @@ _MAX_PENDING = 64
 _PAIR_WINDOW = 0.05
 
 
-class OscConfig(DeviceSettings):
+class OscConfig(UdpSettings):
     """Settings of the driver.
 
     Attributes:
-        host: local address to listen on; "0.0.0.0" hears every network.
         port: UDP port: 39539 or 39540 for VMC, 9000 for VRChat trackers.
-        sender: only datagrams from this address count; empty: from anybody.
         stations: what the sender calls each tracker: for VMC the serial number in
             `/VMC/Ext/Tra/Pos`, for VRChat `1` to `8` or `head`.
-        silence_timeout: without a pose for this long the state says silent [s].
     """
 
     driver: Literal["osc"] = "osc"
-    host: str = "127.0.0.1"
     port: int = Field(default=osc.VMC_PORT, ge=0, le=65535)
-    sender: str = ""
-    silence_timeout: float = Field(default=2.0, gt=0.0)
-
-    @property
-    def address(self) -> str:
-        """Where it listens."""
-        return f"UDP {self.host}:{self.port}"
 
 
 class OscDecoder(Decoder):
@@ -198,14 +186,4 @@ class OscDevice(UdpDevice):
         samples: SampleQueue | None = None,
         recorder: ChunkSink | None = None,
     ) -> None:
-        super().__init__(
-            config,
-            OscDecoder(config),
-            host=config.host,
-            port=config.port,
-            sender=config.sender,
-            silence_timeout=config.silence_timeout,
-            samples=samples,
-            recorder=recorder,
-        )
-        self.config = config
+        super().__init__(config, OscDecoder(config), samples, recorder)
