@@ -42,10 +42,22 @@ def euler_to_quaternion(xyz: Array) -> Array:
 
 
 def quaternion_to_euler(q: Array) -> Array:
-    """Unity's Euler angles about x y z of a quaternion w x y z, shape (3,) [rad]."""
-    R = rotation.to_matrix(q)
-    # R = Ry Rx Rz: its middle row is cos x sin z, cos x cos z, -sin x.
-    x = np.arcsin(np.clip(-R[1, 2], -1.0, 1.0))
-    y = np.arctan2(R[0, 2], R[2, 2])
-    z = np.arctan2(R[1, 0], R[1, 1])
-    return np.array([x, y, z])
+    """Angles about x, y, z with R = Ry Rx Rz, as Unity's inspector shows them.
+
+    Where x is a right angle only y minus or plus z is known; z is 0 then.
+
+    Args:
+        q: w x y z, shape (..., 4).
+
+    Returns:
+        Shape (..., 3) [rad].
+    """
+    w, x, y, z = np.moveaxis(q, -1, 0)
+    sine = np.clip(2.0 * (w * x - y * z), -1.0, 1.0)
+    about_y = np.arctan2(2.0 * (x * z + w * y), 1.0 - 2.0 * (x * x + y * y))
+    about_z = np.arctan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z))
+    locked = np.abs(sine) > 1.0 - 1e-12
+    about_y = np.where(
+        locked, np.arctan2(-2.0 * (x * z - w * y), 1.0 - 2.0 * (y * y + z * z)), about_y
+    )
+    return np.stack([np.arcsin(sine), about_y, np.where(locked, 0.0, about_z)], axis=-1)

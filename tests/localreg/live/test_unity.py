@@ -7,7 +7,6 @@ from scipy.spatial.transform import Rotation
 from localreg.body.skeleton import BODY_NAMES, BONE_NAMES, BONES, DOF_NAMES, QPOS_SIZE
 from localreg.body.subject import Subject, canonical_subject
 from localreg.live.body_frames import ForwardKinematics
-from localreg.live.sinks.vrchat import unity_euler
 from localreg.live.unity import (
     HUMAN_BONES,
     HUMAN_PARENTS,
@@ -15,6 +14,7 @@ from localreg.live.unity import (
     t_pose_turns,
 )
 from localreg.motion.joint_angles import joint_angles
+from sensors.protocols import unity
 from tests.localreg.live.poses import random_qpos
 
 SUBJECT = canonical_subject()
@@ -130,7 +130,7 @@ def test_every_bone_has_a_parent_that_comes_before_it():
 
 def test_euler_angles_are_those_of_unity():
     turns = Rotation.random(200, rng=np.random.default_rng(1))
-    x, y, z = unity_euler(turns.as_quat()).T
+    x, y, z = unity.quaternion_to_euler(turns.as_quat(scalar_first=True)).T
     again = (
         Rotation.from_rotvec(np.outer(y, [0.0, 1.0, 0.0]))
         * Rotation.from_rotvec(np.outer(x, [1.0, 0.0, 0.0]))
@@ -142,6 +142,6 @@ def test_euler_angles_are_those_of_unity():
 @pytest.mark.parametrize("straight", [90.0, -90.0])
 def test_euler_angles_hold_where_x_is_a_right_angle(straight: float):
     turns = Rotation.from_euler("YXZ", [[30.0, straight, 20.0]], degrees=True)
-    x, y, z = unity_euler(turns.as_quat()).T
+    x, y, z = unity.quaternion_to_euler(turns.as_quat(scalar_first=True)).T
     again = Rotation.from_euler("YXZ", np.stack([y, x, z], axis=1))
     assert (turns.inv() * again).magnitude().max() < 1e-6
