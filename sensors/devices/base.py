@@ -79,6 +79,15 @@ class Device(ABC):
             Whether the device is open; if not, `last_error` says why.
         """
 
+    def _hand_on(self, name: str, chunk: Chunk, received: list[Received]) -> None:
+        """Give a chunk of a device to the recorder, and its samples to the queue."""
+        # In the order of the queue, so that a replay can put samples in the same order.
+        with self.samples.ordered:
+            if self.recorder is not None:
+                self.recorder.chunk(name, chunk, received)
+            if received:
+                self.samples.put(received)
+
     def __enter__(self) -> "Device":
         self.start()
         return self
@@ -120,9 +129,6 @@ class ThreadedDevice(Device, Generic[_Link]):
     ) -> None:
         super().__init__(config, samples, recorder)
         self.decoder = decoder
-        self._stations = tuple(config.stations)
-        self._first_pause = config.pause
-        self._max_pause = config.max_pause
         self._pause = config.pause
         self._stop = threading.Event()
         self._attempted = threading.Event()
@@ -138,7 +144,7 @@ class ThreadedDevice(Device, Generic[_Link]):
     @property
     def trackers(self) -> tuple[str, ...]:
         """Names in the order of the configuration."""
-        return self._stations
+        return tuple(self.settings.stations)
 
     @abstractmethod
     def _open(self) -> _Link:
@@ -218,22 +224,16 @@ class ThreadedDevice(Device, Generic[_Link]):
     def _wait(self) -> None:
         self.state = "waiting"
         self._stop.wait(self._pause)
-        self._pause = min(2.0 * self._pause, self._max_pause)
+        self._pause = min(2.0 * self._pause, self.settings.max_pause)
 
     def _is_well(self) -> None:
         """Note that data comes: the next failure begins with the shortest pause again."""
-        self._pause, self.last_error = self._first_pause, ""
+        self._pause, self.last_error = self.settings.pause, ""
 
     def _begin(self, opening: Mapping[str, Any]) -> None:
         """A new stream begins: tell recorder and decoder."""
         self._take(Chunk(time.monotonic(), opening=opening))
 
     def _take(self, chunk: Chunk) -> None:
-        """Hand a chunk to recorder and decoder, and its samples to the queue."""
-        received = self.decoder.take(chunk)
-        # In the order of the queue, so that a replay can put samples in the same order.
-        with self.samples.ordered:
-            if self.recorder is not None:
-                self.recorder.chunk(self.name, chunk, received)
-            if received:
-                self.samples.put(received)
+        """Hand a chunk to the decoder, then all there is on."""
+        self._hand_on(self.name, chunk, self.decoder.take(chunk))

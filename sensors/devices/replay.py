@@ -128,10 +128,5 @@ class ReplayDevice(Device):
             if self._stop.wait(wait) if wait > 0.0 else self._stop.is_set():
                 return
             decoder = self._decoders.get(device)
-            received = [] if decoder is None else decoder.take(chunk)
-            with self.samples.ordered:
-                if self.recorder is not None:
-                    self.recorder.chunk(device, chunk, received)
-                if received:
-                    self.samples.put(received)
+            self._hand_on(device, chunk, [] if decoder is None else decoder.take(chunk))
             item = next(self._chunks, None)
