@@ -115,7 +115,7 @@ class Recorder:
     Args:
         path: file to make; it must not exist yet.
         flush_interval: the file is brought up to date this often [s]; 0.1 is the promise. The
-            index that is written at the end takes 900 bytes of memory each time, 40 MB an
+            index that is written at the end takes 900 bytes of memory each time, 65 MB an
             hour. (Without chunks there is no index, but files are twice as large and can
             only be read from end to end.)
         capacity: messages held at most; 20,000 are about half a minute of six trackers.
@@ -124,7 +124,7 @@ class Recorder:
         RecordingError: if the file cannot be made.
     """
 
-    def __init__(self, path: Path, *, flush_interval: float = 0.08, capacity: int = 20_000) -> None:
+    def __init__(self, path: Path, *, flush_interval: float = 0.05, capacity: int = 20_000) -> None:
         self.path = path
         self.counters = RecorderCounters()
         self.error = ""
