@@ -1,7 +1,8 @@
 """Which module reads or writes which kind of file, found by suffix.
 
 A format module has `read(path, options) -> list[Motion]` or `write(motion, path)` or both,
-and is imported when the first such file is met.
+and is imported when the first such file is met. Where joints may go by several families of
+names, it is `write(motion, path, names)`.
 """
 
 from dataclasses import dataclass
@@ -9,8 +10,11 @@ from importlib import import_module
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+
 from localreg.body.subject import Subject
 from localreg.errors import MotionError
+from localreg.motion.formats.atomic import written_at_once
 from localreg.motion.motion import Motion
 
 DEFAULT_RATE: Final = 120.0
@@ -55,6 +59,8 @@ class Format:
         reads: whether it can be read.
         writes: whether it can be written.
         carries_rate: whether its files say their rate.
+        writer: the module that writes it, if that is another one.
+        families: the families of names that joints can be written with, first the usual one.
     """
 
     name: str
@@ -63,6 +69,8 @@ class Format:
     reads: bool = True
     writes: bool = True
     carries_rate: bool = True
+    writer: str = ""
+    families: tuple[str, ...] = ()
 
 
 FORMATS: Final = (
@@ -117,11 +125,20 @@ def read_motion(path: Path | str, options: ReadOptions | None = None) -> list[Mo
     return import_module(form.module).read(path, options or ReadOptions())
 
 
-def write_motion(motion: Motion, path: Path | str) -> None:
+def write_motion(motion: Motion, path: Path | str, *, names: str | None = None) -> None:
     """Write a motion as the kind of file that the ending tells.
 
+    The file, and those that go with it, take their places only when all are complete, so
+    that a failure leaves what was there before.
+
+    Args:
+        motion: what to write.
+        path: the file; its ending tells the kind.
+        names: the family of names that joints go by, of those that the kind knows.
+
     Raises:
-        MotionError: the kind is unknown, or the file cannot be written.
+        MotionError: the kind or the family of names is unknown, there is nothing to write,
+            or the file cannot be written.
     """
     path = Path(path)
     form = format_of(path)
@@ -130,10 +147,22 @@ def write_motion(motion: Motion, path: Path | str) -> None:
             f"cannot write {path}: files ending in {path.suffix or 'nothing'} are not known, "
             f"only {', '.join(writable_suffixes())}"
         )
+    if names is not None and names not in form.families:
+        known = f"those of {', '.join(form.families)}" if form.families else "names of their own"
+        raise MotionError(f"cannot write {path} with names of {names}: such files have {known}")
+    name = motion.provenance.name
     if not len(motion):
-        raise MotionError(f"motion {motion.provenance.name} has no frames; there is none to write")
+        raise MotionError(f"motion {name} has no frames; there is none to write")
+    bad = np.flatnonzero(~np.isfinite(motion.qpos).all(axis=1))
+    if bad.size:
+        raise MotionError(f"motion {name}: frame {bad[0]} has a number that is not finite; mend it")
+    module = import_module(form.writer or form.module)
     try:
-        import_module(form.module).write(motion, path)
+        with written_at_once(path) as temporary:
+            if form.families:
+                module.write(motion, temporary, names or form.families[0])
+            else:
+                module.write(motion, temporary)
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise MotionError(f"cannot write {path}: {reason}; choose another place") from error
