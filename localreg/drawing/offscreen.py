@@ -10,7 +10,7 @@ import os
 import subprocess
 import sys
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Final, Self
@@ -20,6 +20,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from numpy import ndarray
 
+from localreg.drawing.looks import show_look
 from localreg.drawing.scene import Scene
 
 # PyOpenGL's EGL needs libOpenGL or libGL beside libEGL, and Mesa's driver to draw with.
@@ -43,6 +44,9 @@ assert drawing.offWidth
 drawing.free()
 context.free()
 """
+
+Add = Callable[[mujoco.MjvScene], None]
+"""Adds geoms to a scene that is about to be drawn."""
 
 TrackerPoses = Mapping[str, tuple[Float[ndarray, " 3"], Float[ndarray, " 4"]]]
 
@@ -87,7 +91,13 @@ class Drawing:
 
 
 class Canvas(ABC):
-    """Draws one scene again and again at one size. Close it, or use it in a `with`."""
+    """Draws one scene again and again at one size. Close it, or use it in a `with`.
+
+    Attributes:
+        drawing: which graphics draw.
+        data: where everything is; `Scene.place` puts it there.
+        option: which of the scene's geom groups are seen, such as the looks of bodies.
+    """
 
     drawing: Drawing
 
@@ -95,10 +105,17 @@ class Canvas(ABC):
         self.scene = scene
         self.width, self.height = width, height
         self.data = mujoco.MjData(scene.model)
+        self.option = mujoco.MjvOption()
+        show_look(self.option, "capsules")
 
     @abstractmethod
-    def picture(self, camera: Camera) -> UInt8[ndarray, "height width 3"]:
-        """The scene as it was placed last."""
+    def picture(self, camera: Camera, add: Add | None = None) -> UInt8[ndarray, "height width 3"]:
+        """The scene as it was placed last.
+
+        Args:
+            camera: from where.
+            add: called with the scene to be drawn, to add to it what is no body.
+        """
 
     def draw(
         self,
@@ -139,24 +156,25 @@ class SolidCanvas(Canvas):
         self._render = mujoco.MjrContext(scene.model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._render)
         self._geoms = mujoco.MjvScene(scene.model, maxgeom=2000)
-        self._option = mujoco.MjvOption()
-        self._option.sitegroup[:] = 0
 
-    def picture(self, camera: Camera) -> UInt8[ndarray, "height width 3"]:
+    def picture(self, camera: Camera, add: Add | None = None) -> UInt8[ndarray, "height width 3"]:
         """The scene as it was placed last, with light and shadow."""
         if self._context is None:
             raise RuntimeError("this canvas was closed")
         self._context.make_current()
+        self.scene.turn_sun(self.data, camera.azimuth)
         mujoco.mjv_updateScene(
             self.scene.model,
             self.data,
-            self._option,
+            self.option,
             None,
             camera.to_mujoco(),
             mujoco.mjtCatBit.mjCAT_ALL.value,
             self._geoms,
         )
         self._geoms.flags[mujoco.mjtRndFlag.mjRND_FOG] = True
+        if add is not None:
+            add(self._geoms)
         area = mujoco.MjrRect(0, 0, self.width, self.height)
         pixels = np.empty((self.height, self.width, 3), dtype=np.uint8)
         mujoco.mjr_render(area, self._geoms, self._render)

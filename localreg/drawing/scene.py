@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from localreg.body.model import build_spec, tracker_site
 from localreg.body.skeleton import QPOS_SIZE
 from localreg.body.subject import Subject
+from localreg.drawing.looks import add_looks
 
 Color = tuple[float, float, float]
 
@@ -45,12 +46,14 @@ class Figure:
         color: red, green, blue from 0 to 1.
         opacity: 1 for a solid body, less for a ghost.
         axes: whether axes are drawn where its trackers are mounted.
+        looks: whether the model also holds the looks that are not capsules (`looks.py`).
     """
 
     subject: Subject
     color: Color = BLUE
     opacity: float = 1.0
     axes: bool = False
+    looks: bool = False
 
 
 @dataclass(frozen=True)
@@ -85,13 +88,36 @@ class Scene:
         for index, name in enumerate(self.trackers):
             position, quaternion = (trackers or {}).get(name, _HIDDEN)
             data.mocap_pos[index], data.mocap_quat[index] = position, quaternion
-        mujoco.mj_kinematics(self.model, data)
-        mujoco.mj_comPos(self.model, data)
-        mujoco.mj_camlight(self.model, data)
         # The sun goes along with the bodies: its shadows reach only so far from it.
         seen = [figure.opacity > 0 for figure in self.figures]
         roots = data.qpos.reshape(-1, QPOS_SIZE)[seen if any(seen) else slice(None), :3]
-        data.light_xpos[0] = roots.mean(axis=0) - 4.0 * data.light_xdir[0]
+        here = roots[roots[:, 2] > _OUT_OF_SIGHT]
+        if len(here):
+            data.mocap_pos[self._sun] = here.mean(axis=0)
+        self._update(data)
+
+    def turn_sun(self, data: mujoco.MjData, azimuth: float) -> None:
+        """Let the sun stand behind the left shoulder of whoever looks that way.
+
+        The sides that are seen are lit then, and shadows fall to where they can be seen.
+        Against the light MuJoCo's shadow maps leave specks on the floor besides.
+
+        Args:
+            data: of this scene's model, after `place`.
+            azimuth: direction of view about the vertical, 0 along world x [rad].
+        """
+        half = 0.5 * (azimuth - _SUN_ASIDE)
+        data.mocap_quat[self._sun] = np.cos(half), 0.0, 0.0, np.sin(half)
+        self._update(data)
+
+    @property
+    def _sun(self) -> int:
+        return len(self.trackers)  # among the mocap bodies
+
+    def _update(self, data: mujoco.MjData) -> None:
+        mujoco.mj_kinematics(self.model, data)
+        mujoco.mj_comPos(self.model, data)
+        mujoco.mj_camlight(self.model, data)
 
     def tracker_poses(
         self, data: mujoco.MjData, figure: int = 0
@@ -107,6 +133,9 @@ class Scene:
 
 
 _HIDDEN: Final = (np.array([0.0, 0.0, -1000.0]), np.array([1.0, 0.0, 0.0, 0.0]))
+_OUT_OF_SIGHT: Final = -500.0  # what lies deeper was put away
+_SUN_ASIDE: Final = 0.75  # how far from straight behind the viewer the sun stands [rad]
+_SUN_AZIMUTH: Final = 0.95  # where its light goes until somebody turns it [rad]
 
 
 def build_scene(
@@ -135,6 +164,7 @@ def build_scene(
     for name in trackers:
         body = spec.worldbody.add_body(name=f"measured:{name}", mocap=True)
         _add_axes(body, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+    _add_sun(spec, floor)
     model = spec.compile()
     if model.nq != QPOS_SIZE * len(figures):
         raise ValueError(f"the scene has {model.nq} coordinates; a body has {QPOS_SIZE}")
@@ -151,6 +181,8 @@ def _figure_spec(figure: Figure) -> mujoco.MjSpec:
     spec.add_material(name="skin", rgba=rgba, specular=0.25, shininess=0.35)
     for geom in spec.geoms:
         geom.material = "skin"
+    if figure.looks:
+        add_looks(spec, figure.subject, "skin")
     if figure.axes:
         for mount in figure.subject.mounts:
             body = spec.body(mount.bone)
@@ -184,7 +216,9 @@ def _add_axes(body: Any, position: Float[ndarray, " 3"], quaternion: Float[ndarr
 def _add_surroundings(spec: mujoco.MjSpec, floor: float) -> None:
     visual: Any = spec.visual  # its parts are structures whose fields the stubs do not know
     visual.global_.offwidth, visual.global_.offheight = 3840, 2160
-    visual.quality.shadowsize, visual.quality.offsamples = 4096, 8
+    visual.quality.shadowsize, visual.quality.offsamples = 2048, 8
+    # Roundness that the eye does not miss; without graphics hardware it is half the time.
+    visual.quality.numslices, visual.quality.numstacks, visual.quality.numquads = 20, 10, 2
     visual.headlight.ambient = [0.50, 0.50, 0.51]
     visual.headlight.diffuse = [0.30, 0.30, 0.30]
     visual.headlight.specular = [0.0, 0.0, 0.0]
@@ -226,12 +260,24 @@ def _add_surroundings(spec: mujoco.MjSpec, floor: float) -> None:
         contype=0,
         conaffinity=0,
     )
-    spec.worldbody.add_light(
+
+
+def _add_sun(spec: mujoco.MjSpec, floor: float) -> None:
+    """A light that can be moved and turned, on a body of its own; the last mocap body."""
+    half = 0.5 * _SUN_AZIMUTH
+    sun = spec.worldbody.add_body(
+        name="sun",
+        mocap=True,
+        pos=[0.0, 0.0, floor + 1.0],
+        quat=[np.cos(half), 0.0, 0.0, np.sin(half)],
+    )
+    direction = np.array([0.43, 0.0, -1.0])
+    sun.add_light(
         name="sun",
         type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
-        pos=[0.0, 0.0, floor + 6.0],
-        dir=[0.25, 0.35, -1.0],
-        diffuse=[0.36, 0.355, 0.34],
+        pos=-4.0 * direction / np.linalg.norm(direction),
+        dir=direction,
+        diffuse=[0.40, 0.395, 0.38],
         specular=[0.25, 0.25, 0.25],
         castshadow=True,
     )

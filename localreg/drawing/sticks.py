@@ -1,5 +1,6 @@
 """Bodies as sticks, drawn by Matplotlib where there are no graphics at all."""
 
+from dataclasses import dataclass
 from typing import Final
 
 import mujoco
@@ -11,7 +12,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure as Sheet
 from numpy import ndarray
 
-from localreg.drawing.offscreen import Camera, Canvas, Drawing
+from localreg.drawing.looks import LOOK_GROUPS
+from localreg.drawing.offscreen import Add, Camera, Canvas, Drawing
 from localreg.drawing.scene import Scene
 
 _BACKGROUND: Final = "#f3f1ee"
@@ -28,9 +30,13 @@ class StickCanvas(Canvas):
     def __init__(self, scene: Scene, width: int, height: int, drawing: Drawing) -> None:
         super().__init__(scene, width, height)
         self.drawing = drawing
+        self._added = mujoco.MjvScene(scene.model, maxgeom=2000)
 
-    def picture(self, camera: Camera) -> UInt8[ndarray, "height width 3"]:
+    def picture(self, camera: Camera, add: Add | None = None) -> UInt8[ndarray, "height width 3"]:
         """The scene as it was placed last, as lines on a grid."""
+        self._added.ngeom = 0
+        if add is not None:
+            add(self._added)
         sheet = Sheet(figsize=(self.width / 100, self.height / 100), dpi=100)
         canvas = FigureCanvasAgg(sheet)
         sheet.set_facecolor(_BACKGROUND)
@@ -60,18 +66,12 @@ class StickCanvas(Canvas):
         axes.add_collection(LineCollection(pieces, colors="#dcd8d2", linewidths=1.0))
 
     def _draw_bodies(self, axes: Axes, camera: Camera) -> None:
-        model, data = self.scene.model, self.data
-        capsules = np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_CAPSULE)
-        centers = data.geom_xpos[capsules]
-        halves = (
-            data.geom_xmat[capsules].reshape(-1, 3, 3)[:, :, 2] * model.geom_size[capsules, 1, None]
-        )
-        ends = np.stack([centers - halves, centers + halves], axis=1)
-        pixels, depth = self._project(ends.reshape(-1, 3), camera)
+        rods = _joined(self._bodies(), _rods(self._added))
+        pixels, depth = self._project(rods.ends.reshape(-1, 3), camera)
         depth = depth.reshape(-1, 2).mean(axis=1)
         scale = self._focal_length() / np.maximum(depth, 0.1)
-        widths = np.maximum(2.0 * model.geom_size[capsules, 0] * scale * 0.72, 1.5)
-        colors = np.array([self._color(int(geom)) for geom in capsules])
+        widths = np.maximum(2.0 * rods.radii * scale * 0.72, 1.5)
+        colors = rods.colors
         order = [i for i in np.argsort(-depth) if depth[i] > 0.1 and colors[i, 3] > 0]
         # A light rim sets limbs apart that cross each other.
         for i in order:
@@ -84,6 +84,21 @@ class StickCanvas(Canvas):
                         capstyle="round",
                     )
                 )
+
+    def _bodies(self) -> "_Rods":
+        """The capsules of the model; bodies are drawn by theirs, whatever their look."""
+        model, data = self.scene.model, self.data
+        shown = (model.geom_type == mujoco.mjtGeom.mjGEOM_CAPSULE) & (
+            model.geom_group <= LOOK_GROUPS["capsules"]
+        )
+        capsules = np.flatnonzero(shown)
+        return _rods_at(
+            data.geom_xpos[capsules],
+            data.geom_xmat[capsules].reshape(-1, 3, 3)[:, :, 2],
+            model.geom_size[capsules, 1],
+            model.geom_size[capsules, 0],
+            np.array([self._color(int(geom)) for geom in capsules]).reshape(-1, 4),
+        )
 
     def _color(self, geom: int) -> Float[ndarray, " 4"]:
         material = self.scene.model.geom_matid[geom]
@@ -113,3 +128,42 @@ class StickCanvas(Canvas):
         x = 0.5 * self.width + scale * (relative @ right)
         y = 0.5 * self.height - scale * (relative @ above)
         return np.stack([x, y], axis=1), depth
+
+
+@dataclass(frozen=True, eq=False)
+class _Rods:
+    ends: Float[ndarray, "n 2 3"]
+    radii: Float[ndarray, " n"]
+    colors: Float[ndarray, "n 4"]
+
+
+def _rods_at(
+    centers: Float[ndarray, "n 3"],
+    directions: Float[ndarray, "n 3"],
+    halves: Float[ndarray, " n"],
+    radii: Float[ndarray, " n"],
+    colors: Float[ndarray, "n 4"],
+) -> _Rods:
+    along = halves[:, None] * directions
+    return _Rods(np.stack([centers - along, centers + along], axis=1), radii, colors)
+
+
+def _rods(scene: mujoco.MjvScene) -> _Rods:
+    """The capsules that somebody added to a scene."""
+    added = [scene.geoms[i] for i in range(scene.ngeom)]
+    added = [geom for geom in added if geom.type == mujoco.mjtGeom.mjGEOM_CAPSULE]
+    return _rods_at(
+        np.array([geom.pos for geom in added], dtype=float).reshape(-1, 3),
+        np.array([geom.mat[:, 2] for geom in added], dtype=float).reshape(-1, 3),
+        np.array([geom.size[2] for geom in added], dtype=float),
+        np.array([geom.size[0] for geom in added], dtype=float),
+        np.array([geom.rgba for geom in added], dtype=float).reshape(-1, 4),
+    )
+
+
+def _joined(first: _Rods, second: _Rods) -> _Rods:
+    return _Rods(
+        np.concatenate([first.ends, second.ends]),
+        np.concatenate([first.radii, second.radii]),
+        np.concatenate([first.colors, second.colors]),
+    )

@@ -20,10 +20,10 @@ from localreg.body.model import build_model, tracker_site
 from localreg.body.subject import Subject
 from sensors.pose import TrackerFrame
 
-TRAIL_SECONDS: Final = 1.2
+TRAIL_SECONDS: Final = 0.7
 """How far back trails reach by default [s]."""
 
-_TRAIL_POINTS: Final = 24  # of each trail; more cost drawing and show nothing
+_TRAIL_POINTS: Final = 16  # of each trail; more cost drawing and show nothing
 _NOTHING: Final = float("nan")
 
 

@@ -12,7 +12,7 @@ marks that change from moment to moment. Every host takes both:
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Final, Literal, get_args
+from typing import Final
 
 import mujoco
 import numpy as np
@@ -20,17 +20,24 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from localreg.body.subject import Subject
+from localreg.drawing.looks import LOOKS, Look, show_look
 from localreg.drawing.scene import BLUE, GREEN, Figure, Scene, build_scene
 from localreg.view.moment import Moment, TrackerMoment
 
-Look = Literal["capsules", "sticks", "diamonds"]
-"""How bodies look."""
-
-LOOKS: Final[tuple[Look, ...]] = get_args(Look)
-"""All looks, in the order in which a key goes through them."""
-
-LOOK_GROUPS: Final[dict[Look, int]] = {"capsules": 2, "sticks": 3, "diamonds": 4}
-"""In which geom group of the model each look is."""
+__all__ = [
+    "LOOKS",
+    "Block",
+    "Look",
+    "Mark",
+    "Rod",
+    "Stage",
+    "Style",
+    "build_stage",
+    "draw",
+    "geoms",
+    "marks",
+    "show_look",
+]
 
 Rgba = tuple[float, float, float, float]
 
@@ -41,7 +48,8 @@ _AXES: Final = ((0.86, 0.24, 0.22), (0.27, 0.66, 0.30), (0.20, 0.42, 0.88))
 _CASE: Final[Rgba] = (0.13, 0.14, 0.16, 1.0)
 _MASKED: Final[Rgba] = (0.55, 0.55, 0.56, 0.75)
 _ERROR: Final[Rgba] = (0.96, 0.45, 0.05, 1.0)
-_TRAIL: Final = (0.93, 0.55, 0.20)
+_TRAIL: Final = (0.95, 0.58, 0.22)
+_TRAIL_END: Final = (0.86, 0.845, 0.82)  # about the floor's color
 _AWAY: Final = np.array([0.0, 0.0, -1000.0])  # where a body stands that is not to be seen
 _LEAST_ERROR: Final = 1e-4  # a shorter line cannot be seen [m]
 
@@ -149,17 +157,10 @@ def build_stage(subject: Subject, ghost: Subject | None = None, *, floor: float 
         ghost: whose body it is compared with, in translucent green; None for nobody's.
         floor: height of the floor [m].
     """
-    figures = [Figure(subject, BLUE)]
+    figures = [Figure(subject, BLUE, looks=True)]
     if ghost is not None:
-        figures.append(Figure(ghost, GREEN, GHOST_OPACITY))
+        figures.append(Figure(ghost, GREEN, GHOST_OPACITY, looks=True))
     return Stage(build_scene(figures, floor=floor), ghost is not None)
-
-
-def show_look(option: mujoco.MjvOption, look: Look) -> None:
-    """Let one look of the bodies be seen, and no sites."""
-    for name, group in LOOK_GROUPS.items():
-        option.geomgroup[group] = name == look
-    option.sitegroup[:] = 0
 
 
 def marks(moment: Moment, style: Style | None = None) -> list[Mark]:
@@ -239,12 +240,20 @@ def _axes(
 
 
 def _trail(points: Float[ndarray, "points 3"]) -> list[Mark]:
-    """The path, fading towards where it is oldest."""
+    """The path, paler and thinner towards where it is oldest.
+
+    Paler, not more transparent: where transparent pieces overlap they would show as beads.
+    """
+    found: list[Mark] = []
     pieces = len(points) - 1
-    return [
-        Rod(points[i], points[i + 1], 0.004, (*_TRAIL, 0.1 + 0.6 * (i + 1) / pieces))
-        for i in range(pieces)
-    ]
+    for i in range(pieces):
+        share = (i + 1) / pieces
+        red, green, blue = (
+            share * new + (1.0 - share) * old for new, old in zip(_TRAIL, _TRAIL_END, strict=True)
+        )
+        radius = 0.001 + 0.0025 * share
+        found.append(Rod(points[i], points[i + 1], radius, (red, green, blue, 1.0)))
+    return found
 
 
 def _fill(geom: mujoco.MjvGeom, mark: Mark) -> None:
