@@ -73,9 +73,18 @@ class Format:
     families: tuple[str, ...] = ()
 
 
+_FAMILIES: Final = ("cmu", "mixamo", "vrm")  # `joint_trees.FAMILIES`, without importing it
+
 FORMATS: Final = (
     Format("Acclaim", (".amc",), "localreg.motion.formats.asf_amc", carries_rate=False),
-    Format("Biovision", (".bvh",), "localreg.motion.formats.bvh"),
+    Format(
+        "Biovision",
+        (".bvh",),
+        "localreg.motion.formats.bvh",
+        writer="localreg.motion.formats.bvh_names",
+        families=_FAMILIES,
+    ),
+    Format("glTF", (".glb",), "localreg.motion.formats.gltf", reads=False, families=_FAMILIES),
 )
 """All kinds of motion files."""
 

@@ -1,0 +1,92 @@
+"""Postures to count rotations from: the T pose of animators, the standing one of anatomists.
+
+At rest, with all joint angles zero, the canonical skeleton spreads its legs by 20 degrees and
+its arms to the sides. A posture says how every bone is turned from there, in root axes
+(x left, y up, z forward).
+"""
+
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from localreg.body.skeleton import BODY_NAMES, BONE_NAMES
+from localreg.body.subject import Subject
+
+_DOWN: Final = np.array([0.0, -1.0, 0.0])
+_LEFT: Final = np.array([1.0, 0.0, 0.0])
+
+# The bones whose x hinge, once lateral, says how limbs stand about their own axis.
+_STANDING: Final = {
+    "femur": ("femur", "tibia", 1.0),
+    "tibia": ("tibia", "tibia", 1.0),
+    "foot": ("tibia", "tibia", 1.0),
+    "toes": ("tibia", "tibia", 1.0),
+    "humerus": ("humerus", "radius", -1.0),
+    "radius": ("radius", "radius", -1.0),
+    "wrist": ("wrist", "fingers", -1.0),
+    "hand": ("hand", "fingers", -1.0),
+    "fingers": ("fingers", "fingers", -1.0),
+    "thumb": ("hand", "fingers", -1.0),
+}
+
+
+def t_pose(subject: Subject) -> Float[ndarray, "31 3 3"]:
+    """Turns of the bodies of `BODY_NAMES` into the T pose.
+
+    Legs straight down, arms straight to the sides, palms down, feet forward.
+    """
+    turns = np.tile(np.eye(3), (len(BODY_NAMES), 1, 1))
+    for side, sign in (("l", 1.0), ("r", -1.0)):
+        for bone in ("femur", "tibia"):
+            turns[_body(side + bone)] = _shortest(_direction(subject, side + bone), _DOWN)
+        for bone in ("foot", "toes"):
+            turns[_body(side + bone)] = turns[_body(side + "tibia")]
+        for bone in ("humerus", "radius", "wrist", "hand", "fingers"):
+            turns[_body(side + bone)] = _shortest(_direction(subject, side + bone), sign * _LEFT)
+        turns[_body(side + "thumb")] = turns[_body(side + "hand")]
+    return turns
+
+
+def standing(subject: Subject) -> Float[ndarray, "31 3 3"]:
+    """Turns of the bodies of `BODY_NAMES` into the anatomical position.
+
+    Legs and arms straight down, knees' and elbows' hinges from side to side, palms forward,
+    feet as straight legs leave them; the trunk as at rest.
+    """
+    turns = np.tile(np.eye(3), (len(BODY_NAMES), 1, 1))
+    for side in "lr":
+        for bone, (along, hinged, sign) in _STANDING.items():
+            frame = subject.axis_frames[BONE_NAMES.index(side + hinged)]
+            here = _frame(_direction(subject, side + along), frame[:, 0])
+            turns[_body(side + bone)] = _frame(_DOWN, sign * _LEFT) @ here.T
+    return turns
+
+
+def _body(name: str) -> int:
+    return BODY_NAMES.index(name)
+
+
+def _direction(subject: Subject, bone: str) -> Float[ndarray, "3"]:
+    return subject.directions[BONE_NAMES.index(bone)]
+
+
+def _frame(along: Float[ndarray, "3"], beside: Float[ndarray, "3"]) -> Float[ndarray, "3 3"]:
+    """Orthonormal columns: a direction, what is left of another beside it, and their normal."""
+    side = beside - along * (along @ beside)
+    size = float(np.linalg.norm(side))
+    if size < 1e-6:  # a hinge along its bone says nothing: take any side
+        return _frame(along, np.eye(3)[int(np.argmin(np.abs(along)))])
+    side = side / size
+    return np.stack([along, side, np.cross(along, side)], axis=1)
+
+
+def _shortest(start: Float[ndarray, "3"], end: Float[ndarray, "3"]) -> Float[ndarray, "3 3"]:
+    """The rotation by the smallest angle that turns one direction into another."""
+    axis, cosine = np.cross(start, end), float(start @ end)
+    if cosine < -1.0 + 1e-9:
+        normal = _frame(start, np.roll(start, 1))[:, 1]
+        return 2.0 * np.outer(normal, normal) - np.eye(3)
+    cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    return np.eye(3) + cross + cross @ cross / (1.0 + cosine)
