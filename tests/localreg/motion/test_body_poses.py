@@ -63,4 +63,4 @@ def test_standing_has_its_hinges_from_side_to_side():
         for bone, sign in (("tibia", 1.0), ("radius", -1.0), ("fingers", -1.0)):
             index = BONE_NAMES.index(side + bone)
             hinge = turns[index + 1] @ subject.axis_frames[index][:, 0]
-            assert hinge[0] * sign > 0.95
+            assert hinge[0] * sign > 0.85
