@@ -4,15 +4,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-import mujoco
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Sheet
 from numpy import ndarray
 
-from localreg.body.model import end_site
-from localreg.body.skeleton import BODY_NAMES
+from localreg.drawing.ground import SOLE, end_heights, floor_under
 from localreg.drawing.offscreen import Camera, Drawing, open_canvas
 from localreg.drawing.scene import BLUE, GREEN, Color, Figure, build_scene
 from localreg.errors import LocalregError
@@ -22,7 +20,6 @@ _DPI: Final = 100
 _INK, _SOFT, _GRID = "#2b2d31", "#6d7077", "#e4e2de"
 _ANGLE_COLOR: Final = "#d1843c"
 _FONTS: Final = {"family": "DejaVu Sans"}
-_SOLE: Final = 0.035  # bone ends lie so far above the ground that a foot stands on [m]
 
 
 def filmstrip(
@@ -154,16 +151,9 @@ class _Framing:
 
 
 def _framing(motion: Motion) -> _Framing:
-    scene = build_scene([Figure(motion.subject)])
-    data = mujoco.MjData(scene.model)
-    sites = [scene.model.site(f"figure0/{end_site(body)}").id for body in BODY_NAMES]
-    heights = np.empty((len(motion), 2))
-    for frame, qpos in enumerate(motion.qpos):
-        scene.place(data, [qpos])
-        ends = data.site_xpos[sites, 2]
-        heights[frame] = ends.min(), ends.max()
-    floor = float(np.percentile(heights[:, 0], 5)) - _SOLE
-    top = float(np.percentile(heights[:, 1] - heights[:, 0], 95)) + 2 * _SOLE
+    heights = end_heights(motion)
+    floor = floor_under(heights)
+    top = float(np.percentile(heights[:, 1] - heights[:, 0], 95)) + 2 * SOLE
     return _Framing(floor, max(top, 1.2), heights[:, 0], _azimuth(motion))
 
 

@@ -39,25 +39,26 @@ def show_look(option: mujoco.MjvOption, look: Look) -> None:
     option.sitegroup[:] = 0
 
 
-def add_looks(spec: mujoco.MjSpec, subject: Subject, material: str) -> None:
+def add_looks(spec: mujoco.MjSpec, subject: Subject, material: str, girth: float = 1.0) -> None:
     """Add sticks and diamonds to the specification of a subject's body.
 
     Args:
         spec: as `build_spec` made it; changed.
         subject: the same.
         material: name of the material to wear.
+        girth: how thick everything is, 1 for as usual.
     """
     for bone, offset in zip(BONES, subject.offsets, strict=True):
         body = spec.body(bone.name)
         for look in ("sticks", "diamonds"):
             # The hips have no joint of their own: a ball there would only be in the way.
             if bone.dofs:
-                _add_geom(body, look, material, size=[_JOINT_RADIUS, 0.0, 0.0])
+                _add_geom(body, look, material, size=[girth * _JOINT_RADIUS, 0.0, 0.0])
         length = float(np.linalg.norm(offset))
         if bone.name == "head" and length > _SHORTEST:
             middle = 0.6 * offset
             for look in ("sticks", "diamonds"):
-                _add_geom(body, look, material, size=[_HEAD_RADIUS, 0.0, 0.0], pos=middle)
+                _add_geom(body, look, material, size=[girth * _HEAD_RADIUS, 0.0, 0.0], pos=middle)
         if length < _SHORTEST:
             continue
         _add_geom(
@@ -66,9 +67,9 @@ def add_looks(spec: mujoco.MjSpec, subject: Subject, material: str) -> None:
             material,
             type=mujoco.mjtGeom.mjGEOM_CAPSULE,
             fromto=[0.0, 0.0, 0.0, *offset],
-            size=[_STICK_RADIUS, 0.0, 0.0],
+            size=[girth * _STICK_RADIUS, 0.0, 0.0],
         )
-        corners = _diamond(offset, length)
+        corners = _diamond(offset, length, girth)
         spec.add_mesh(
             name=f"diamond:{bone.name}",
             uservert=corners.ravel(),
@@ -95,7 +96,9 @@ def _add_geom(body: Any, look: Look, material: str, **shape: Any) -> None:
     )
 
 
-def _diamond(offset: Float[ndarray, "3"], length: float) -> Float[ndarray, "corners 3"]:
+def _diamond(
+    offset: Float[ndarray, "3"], length: float, girth: float
+) -> Float[ndarray, "corners 3"]:
     """Two pyramids on one square, face by face so that edges stay sharp; outside counterclockwise.
 
     Returns:
@@ -106,7 +109,7 @@ def _diamond(offset: Float[ndarray, "3"], length: float) -> Float[ndarray, "corn
     aside = np.cross(along, np.eye(3)[np.argmin(np.abs(along))])
     aside /= np.linalg.norm(aside)
     across = np.cross(along, aside)
-    half = min(_WAIST_WIDTH * length, _WIDEST)
+    half = girth * min(_WAIST_WIDTH * length, _WIDEST)
     square = [_WAIST * offset + half * side for side in (aside, across, -aside, -across)]
     corners = []
     for i in range(4):

@@ -31,6 +31,7 @@ ADVICE: Final = (
 )
 """One line for who sees a stick figure."""
 
+_FIELD_OF_VIEW: Final = np.radians(45.0)  # vertical, of MuJoCo's free camera
 _BACKENDS: Final = ("egl", "osmesa")
 _OFF: Final = ("disable", "disabled", "off", "false", "0")
 _PROBE: Final = """
@@ -67,6 +68,36 @@ class Camera:
     elevation: float = -0.2
     distance: float = 3.5
 
+    def project(
+        self, points: Float[ndarray, "n 3"], width: float, height: float
+    ) -> tuple[Float[ndarray, "n 2"], Float[ndarray, " n"]]:
+        """Where points of the world are in a picture.
+
+        Args:
+            points: in the world [m].
+            width: of the picture [pixels].
+            height: of the picture [pixels].
+
+        Returns:
+            Pixels from the upper left corner, and the depth along the view [m]; points of
+            no positive depth are behind the camera.
+        """
+        ahead = np.array(
+            [
+                np.cos(self.elevation) * np.cos(self.azimuth),
+                np.cos(self.elevation) * np.sin(self.azimuth),
+                np.sin(self.elevation),
+            ]
+        )
+        right = np.array([np.sin(self.azimuth), -np.cos(self.azimuth), 0.0])
+        above = np.cross(right, ahead)
+        relative = points - (np.array(self.target) - self.distance * ahead)
+        depth = relative @ ahead
+        scale = focal_length(height) / np.maximum(depth, 1e-3)
+        x = 0.5 * width + scale * (relative @ right)
+        y = 0.5 * height - scale * (relative @ above)
+        return np.stack([x, y], axis=1), depth
+
     def to_mujoco(self) -> mujoco.MjvCamera:
         """The same as MuJoCo's free camera."""
         camera = mujoco.MjvCamera()
@@ -75,6 +106,11 @@ class Camera:
         camera.azimuth = np.degrees(self.azimuth)
         camera.elevation = np.degrees(self.elevation)
         return camera
+
+
+def focal_length(height: float) -> float:
+    """Of MuJoCo's free camera in a picture so high [pixels]."""
+    return 0.5 * height / np.tan(0.5 * _FIELD_OF_VIEW)
 
 
 @dataclass(frozen=True)

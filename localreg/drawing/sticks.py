@@ -13,11 +13,10 @@ from matplotlib.figure import Figure as Sheet
 from numpy import ndarray
 
 from localreg.drawing.looks import LOOK_GROUPS
-from localreg.drawing.offscreen import Add, Camera, Canvas, Drawing
+from localreg.drawing.offscreen import Add, Camera, Canvas, Drawing, focal_length
 from localreg.drawing.scene import Scene
 
 _BACKGROUND: Final = "#f3f1ee"
-_FIELD_OF_VIEW: Final = np.radians(45.0)  # vertical, as MuJoCo's free camera
 
 
 class StickCanvas(Canvas):
@@ -59,7 +58,7 @@ class StickCanvas(Canvas):
         lines = [((x + i, y - 5, floor), (x + i, y + 5, floor)) for i in steps]
         lines += [((x - 5, y + i, floor), (x + 5, y + i, floor)) for i in steps]
         fine = np.array([np.linspace(a, b, 40) for a, b in lines])
-        pixels, depth = self._project(fine.reshape(-1, 3), camera)
+        pixels, depth = camera.project(fine.reshape(-1, 3), self.width, self.height)
         pixels = pixels.reshape(len(lines), -1, 2)
         visible = depth.reshape(len(lines), -1) > 0.1
         pieces = [p[v] for p, v in zip(pixels, visible, strict=True) if v.sum() > 1]
@@ -67,9 +66,9 @@ class StickCanvas(Canvas):
 
     def _draw_bodies(self, axes: Axes, camera: Camera) -> None:
         rods = _joined(self._bodies(), _rods(self._added))
-        pixels, depth = self._project(rods.ends.reshape(-1, 3), camera)
+        pixels, depth = camera.project(rods.ends.reshape(-1, 3), self.width, self.height)
         depth = depth.reshape(-1, 2).mean(axis=1)
-        scale = self._focal_length() / np.maximum(depth, 0.1)
+        scale = focal_length(self.height) / np.maximum(depth, 0.1)
         widths = np.maximum(2.0 * rods.radii * scale * 0.72, 1.5)
         colors = rods.colors
         order = [i for i in np.argsort(-depth) if depth[i] > 0.1 and colors[i, 3] > 0]
@@ -105,29 +104,6 @@ class StickCanvas(Canvas):
         if material >= 0:
             return np.array(self.scene.model.mat_rgba[material], dtype=float)
         return np.array(self.scene.model.geom_rgba[geom], dtype=float)
-
-    def _focal_length(self) -> float:
-        return 0.5 * self.height / np.tan(0.5 * _FIELD_OF_VIEW)
-
-    def _project(
-        self, points: Float[ndarray, "n 3"], camera: Camera
-    ) -> tuple[Float[ndarray, "n 2"], Float[ndarray, " n"]]:
-        """Pixels of points in the world, and their depth along the view [m]."""
-        ahead = np.array(
-            [
-                np.cos(camera.elevation) * np.cos(camera.azimuth),
-                np.cos(camera.elevation) * np.sin(camera.azimuth),
-                np.sin(camera.elevation),
-            ]
-        )
-        right = np.array([np.sin(camera.azimuth), -np.cos(camera.azimuth), 0.0])
-        above = np.cross(right, ahead)
-        relative = points - (np.array(camera.target) - camera.distance * ahead)
-        depth = relative @ ahead
-        scale = self._focal_length() / np.maximum(depth, 1e-3)
-        x = 0.5 * self.width + scale * (relative @ right)
-        y = 0.5 * self.height - scale * (relative @ above)
-        return np.stack([x, y], axis=1), depth
 
 
 @dataclass(frozen=True, eq=False)

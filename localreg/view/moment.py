@@ -214,6 +214,14 @@ class Observer:
             is_start=is_start,
         )
 
+    def worn(self, time: float, qpos: Float[ndarray, "63"]) -> TrackerFrame:
+        """What perfect trackers would say of a pose."""
+        self._data.qpos[:] = qpos
+        mujoco.mj_kinematics(self._model, self._data)
+        quaternions = np.array([self._turned(site) for site in self._sites])
+        seen = np.ones(len(self._sites), dtype=bool)
+        return TrackerFrame(time, self._data.site_xpos[self._sites], quaternions, seen, seen)
+
     def forget(self) -> None:
         """Let trails begin anew."""
         self._past.clear()
@@ -223,8 +231,7 @@ class Observer:
     ) -> tuple[TrackerMoment, ...]:
         moments = []
         for i, name in enumerate(self.subject.trackers):
-            turned = np.empty(4)
-            mujoco.mju_mat2Quat(turned, self._data.site_xmat[self._sites[i]])
+            turned = self._turned(self._sites[i])
             has_position = bool(frame.position_mask[i])
             has_orientation = bool(frame.orientation_mask[i])
             distance = angle = _NOTHING
@@ -250,6 +257,11 @@ class Observer:
                 )
             )
         return tuple(moments)
+
+    def _turned(self, site: int) -> Float[ndarray, "4"]:
+        quaternion = np.empty(4)
+        mujoco.mju_mat2Quat(quaternion, self._data.site_xmat[site])
+        return quaternion
 
     def _remember(self, time: float, places: Float[ndarray, "J 3"], *, jumped: bool) -> None:
         past = self._past

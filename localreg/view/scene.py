@@ -21,7 +21,7 @@ from numpy import ndarray
 
 from localreg.body.subject import Subject
 from localreg.drawing.looks import LOOKS, Look, show_look
-from localreg.drawing.scene import BLUE, GREEN, Figure, Scene, build_scene
+from localreg.drawing.scene import BLUE, Color, Figure, Scene, build_scene
 from localreg.view.moment import Moment, TrackerMoment
 
 __all__ = [
@@ -41,9 +41,13 @@ __all__ = [
 
 Rgba = tuple[float, float, float, float]
 
-GHOST_OPACITY: Final = 0.32
-"""Of the body that the other is compared with."""
+GHOST_GREEN: Final[Color] = (0.36, 0.74, 0.42)
+"""The body that the other is compared with; it is seen through, so it is a strong green."""
 
+GHOST_OPACITY: Final = 0.42
+"""How much of it is seen."""
+
+_GHOST_GIRTH: Final = 0.9  # of the other body's
 _AXES: Final = ((0.86, 0.24, 0.22), (0.27, 0.66, 0.30), (0.20, 0.42, 0.88))
 _CASE: Final[Rgba] = (0.13, 0.14, 0.16, 1.0)
 _MASKED: Final[Rgba] = (0.55, 0.55, 0.56, 0.75)
@@ -149,17 +153,20 @@ class Stage:
         self.scene.place(data, poses)
 
 
-def build_stage(subject: Subject, ghost: Subject | None = None, *, floor: float = 0.0) -> Stage:
+def build_stage(
+    subject: Subject, ghost: Subject | None = None, *, color: Color = BLUE, floor: float = 0.0
+) -> Stage:
     """The model of a body in a clear style on a floor, with light, shadow and sky.
 
     Args:
         subject: whose body is shown.
         ghost: whose body it is compared with, in translucent green; None for nobody's.
+        color: of the body.
         floor: height of the floor [m].
     """
-    figures = [Figure(subject, BLUE, looks=True)]
+    figures = [Figure(subject, color, looks=True)]
     if ghost is not None:
-        figures.append(Figure(ghost, GREEN, GHOST_OPACITY, looks=True))
+        figures.append(Figure(ghost, GHOST_GREEN, GHOST_OPACITY, looks=True, girth=_GHOST_GIRTH))
     return Stage(build_scene(figures, floor=floor), ghost is not None)
 
 
