@@ -1,7 +1,7 @@
 """A motion: poses of one subject at a steady rate, and where it came from."""
 
 from dataclasses import dataclass, field, replace
-from typing import Final, Self
+from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -13,6 +13,9 @@ from localreg.body.skeleton import BONES, DOF_BONES, DOF_NAMES, QPOS_SIZE, mirro
 from localreg.body.subject import Subject
 from localreg.errors import MotionError
 from localreg.motion.joint_angles import nearest_to_rest
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +84,21 @@ class Motion:
     def angles(self) -> Float[ndarray, "frames 56"]:
         """The joint angles [rad]."""
         return self.qpos[:, 7:]
+
+    def to_dataframe(self) -> "pd.DataFrame":
+        """The joint angles as a pandas data frame (extra `tables`).
+
+        One row a frame: `time` [s], the pelvis' turns [deg] and place [m], then for every
+        joint flexion, adduction and rotation or their like [deg], as
+        `localreg.motion.anatomical` defines them; `attrs` says what the columns mean, and
+        name, subject, activity and rate.
+
+        Raises:
+            MotionError: pandas is not installed.
+        """
+        from localreg.motion.formats.angle_tables import data_frame
+
+        return data_frame(self)
 
     def first(self, frames: int) -> Self:
         """The first so many frames."""

@@ -30,12 +30,17 @@ class ReadOptions:
         source_rate: frames a second of files that do not say it [Hz].
         metres_per_unit: length of the file's unit [m].
         subject: whose bones move, instead of those that the file brings.
+        up: the axis that points up in the file, `"y"` or `"z"`.
+        skeleton_map: a TOML file that says which joints are which bones, see
+            `localreg.motion.skeleton_maps`.
     """
 
     rate: float | None = None
     source_rate: float | None = None
     metres_per_unit: float | None = None
     subject: Subject | None = None
+    up: str | None = None
+    skeleton_map: Path | None = None
 
     def __post_init__(self) -> None:
         for name in ("rate", "source_rate", "metres_per_unit"):
@@ -85,6 +90,10 @@ FORMATS: Final = (
         families=_FAMILIES,
     ),
     Format("glTF", (".glb",), "localreg.motion.formats.gltf", reads=False, families=_FAMILIES),
+    Format("C3D", (".c3d",), "localreg.motion.formats.c3d_write", reads=False),
+    Format("OpenSim", (".trc", ".mot"), "localreg.motion.formats.opensim_tables", reads=False),
+    Format("OpenSim model", (".osim",), "localreg.motion.formats.opensim_model", reads=False),
+    Format("table", (".csv", ".parquet"), "localreg.motion.formats.angle_tables", reads=False),
 )
 """All kinds of motion files."""
 
