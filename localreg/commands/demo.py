@@ -26,7 +26,29 @@ def demo(
             show_default=False,
         ),
     ] = None,
-    view: Annotated[View, typer.Option(help="Watch live.")] = View.NONE,
+    view: Annotated[
+        View | None,
+        typer.Option(
+            help="Watch live: a page for browsers on this machine, or a window; default: a window "
+            "where there is a display, else a page.",
+            show_default=False,
+        ),
+    ] = None,
+    host: Annotated[
+        str,
+        typer.Option(
+            metavar="ADDRESS", help="Where the page is served; 0.0.0.0: on every network."
+        ),
+    ] = "127.0.0.1",
+    view_port: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            max=65535,
+            help="Port of the page; default: the first free one from 8080 on; 0: any.",
+            show_default=False,
+        ),
+    ] = None,
     json: Annotated[
         Path | None,
         typer.Option(help="Also write the figures to this JSON file.", show_default=False),
@@ -61,6 +83,7 @@ def demo(
     from localreg.evaluation.results import write_json
     from localreg.live.demo.run import PICTURE, DemoConfig, run_demo
     from localreg.live.demo.show import results_table
+    from localreg.live.view_options import ViewOptions, usual_kind
     from localreg.motion.sources import read_sources
 
     says = Console(stderr=True)
@@ -71,8 +94,8 @@ def demo(
         noise_orientation=noise_orientation,
         faults=faults,
     )
-    if view is not View.NONE:
-        says.print("the live view comes later; the demo goes on without it", highlight=False)
+    kind = usual_kind() if view is None else view.value
+    seen = ViewOptions(kind, host, view_port, out)
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -80,7 +103,7 @@ def demo(
         raise LocalregError(f"cannot make the folder {out}: {reason}; give another --out") from None
     with says.status("reading the sample set"):
         motions, _ = read_sources(["sample"])
-    run = run_demo(motions, config, out, says)
+    run = run_demo(motions, config, out, says, seen)
     title = f"Live demo, {run.score.truth.seconds:.1f} s at {run.score.truth.rate:g} Hz"
     output = Console()
     output.print(results_table(run.score, run.session, title))

@@ -13,12 +13,16 @@ class View(StrEnum):
     """Where the body is to be seen live."""
 
     NONE = "none"
+    WEB = "web"
+    NATIVE = "native"
 
 
 @app.command(
     epilog="""Examples:
 
 localreg run --config demo  (real walks, no device needed; poses go to VMC)
+
+localreg run --config demo --view web  (then open the address that it prints)
 
 localreg run --config is900 --subject anna.toml --record take1.mcap
 
@@ -46,7 +50,21 @@ def run(
     seconds: Annotated[
         float | None, typer.Option(help="Stop after so long [s]; default: on Ctrl-C or SIGTERM.")
     ] = None,
-    view: Annotated[View, typer.Option(help="Watch live.")] = View.NONE,
+    view: Annotated[
+        View, typer.Option(help="Watch live: a page for browsers on this machine, or a window.")
+    ] = View.NONE,
+    view_port: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            max=65535,
+            help="Port of the page; default: the first free one from 8080 on; 0: any.",
+            show_default=False,
+        ),
+    ] = None,
+    takes: Annotated[
+        Path, typer.Option(metavar="DIR", help="Where the view's buttons write motion files.")
+    ] = Path("takes"),
     record: Annotated[
         list[Path] | None,
         typer.Option(
@@ -71,7 +89,8 @@ def run(
         str,
         typer.Option(
             metavar="ADDRESS",
-            help="Where servers for other machines (VRPN) listen; 0.0.0.0: on every network.",
+            help="Where servers for other machines (VRPN, the page of --view web) listen; "
+            "0.0.0.0: on every network.",
         ),
     ] = "127.0.0.1",
     json: Annotated[
@@ -102,6 +121,7 @@ def run(
     from localreg.live.config import read_run_config
     from localreg.live.run_options import RunOptions, wearer_of
     from localreg.live.status_server import ADDRESS, StatusServer
+    from localreg.live.view_options import ViewOptions
 
     settings = read_run_config(file)
     options = RunOptions(
@@ -111,6 +131,7 @@ def run(
         record=tuple(record or ()),
         health=health,
         host=host,
+        view=ViewOptions(view.value, host, view_port, takes),
     )
     wearer = wearer_of(settings, options)
     if check:

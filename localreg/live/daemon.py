@@ -31,6 +31,7 @@ from localreg.live.session import Session, stopped_by_interrupt
 from localreg.live.sinks import Sink
 from localreg.live.status_server import StatusServer
 from localreg.live.take import TakeRecorder
+from localreg.live.viewing import EVERY, LiveView
 from localreg.live.warm_up import warm_up
 from localreg.synthesis.estimator import AnyEstimator
 from localreg.synthesis.methods import METHODS, build_estimator
@@ -74,6 +75,14 @@ def run(
         subject = wearing(subject, config)
         sinks = _sinks(config, options, subject, stack)
         recorder = _recorder(options.record, stack)
+        view = None
+        if options.view.kind != "none":
+            view = LiveView(
+                options.view, subject, config.assembler.rate, tell,
+                recenter=recentering.request, recorder=recorder,
+            )  # fmt: skip
+            stack.callback(view.close)
+            sinks += view.sinks
         estimator = _warm_estimator(config.synthesis.method, subject, chosen, tell)
         if config.emulator is not None:
             config = config.with_port(stack.enter_context(_emulated(config.emulator, config)))
@@ -89,11 +98,14 @@ def run(
             sinks,
             devices=trackers.devices,
             config=config.performance,
-            on_idle=IdleWork(),
+            on_idle=IdleWork() if view is None else IdleWork((EVERY, view.refresh)),
             place=recentering,
             log=log,
             now=trackers.stream.clock.now,
         )
+        if view is not None:
+            view.watch(session, trackers.stream, tuple(trackers.devices), chosen.poses)
+            view.wait()
         health = Health(session, trackers.devices, sinks, recentering, recorder)
         if status is not None:
             status.start(health.look, recentering.request)

@@ -4,13 +4,14 @@ Imports nothing heavy: a mistake is answered before JAX is loaded.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from localreg.body.subject import Subject, canonical_subject, read_subject
 from localreg.errors import LocalregError
 from localreg.live.config import RunConfig
 from localreg.live.sinks.motion_stream import GROWING
+from localreg.live.view_options import ViewOptions
 from localreg.synthesis.settings import METHODS
 from sensors.devices.replay import ReplayConfig
 from sensors.recording.replay import read_configuration
@@ -30,6 +31,7 @@ class RunOptions:
         record: files to record to: `.mcap` for everything, `.bvh` or `.amc` for the motion.
         health: where a line of JSON goes every second; see `HealthReport`.
         host: address on which servers for other machines listen.
+        view: where the body is to be seen.
     """
 
     database: Path | None = None
@@ -38,6 +40,7 @@ class RunOptions:
     record: tuple[Path, ...] = ()
     health: str | None = None
     host: str = "127.0.0.1"
+    view: ViewOptions = field(default_factory=ViewOptions)
 
 
 def wearer_of(config: RunConfig, options: RunOptions) -> Subject:

@@ -1,9 +1,10 @@
 """Plays the clips over a serial line and synthesizes them as they come."""
 
+import contextlib
 import math
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,9 +17,12 @@ from localreg.live.demo.faults import bad_day
 from localreg.live.demo.playlist import Playlist
 from localreg.live.demo.scores import LiveScore, score, with_counts
 from localreg.live.demo.show import REFRESH, ProgressLine
+from localreg.live.demo.view import DemoView
 from localreg.live.quiet import IdleWork, undisturbed
 from localreg.live.session import Session, stopped_by_interrupt
 from localreg.live.sinks import Collector, MotionFile
+from localreg.live.view_options import ViewOptions
+from localreg.live.viewing import EVERY
 from localreg.live.warm_up import warm_up
 from localreg.motion.motion import Motion
 from localreg.synthesis.estimator import AnyEstimator
@@ -94,7 +98,11 @@ class DemoRun:
 
 
 def run_demo(
-    motions: Sequence[Motion], config: DemoConfig, folder: Path, console: Console
+    motions: Sequence[Motion],
+    config: DemoConfig,
+    folder: Path,
+    console: Console,
+    seen: ViewOptions | None = None,
 ) -> DemoRun:
     """Play motions, each left out of the database while it plays.
 
@@ -107,9 +115,10 @@ def run_demo(
         config: settings.
         folder: where the motion file goes; it exists.
         console: for what is said meanwhile.
+        seen: where the body is to be seen; by default nowhere.
 
     Raises:
-        LocalregError: nothing can be played, or not one pose came.
+        LocalregError: nothing can be played, not one pose came, or the view cannot begin.
         SensorError: the emulator or the line does not work.
     """
     playlist = Playlist.of(motions, DEFAULT_RATE, config.seconds)
@@ -117,9 +126,27 @@ def run_demo(
     with tempfile.TemporaryDirectory() as scratch:
         file = Path(scratch) / "walks.npz"
         playlist.playback().save(file)
-        with EmulatorProcess(file, arguments) as emulator:
-            estimators = _warm_estimators(motions, playlist, config.method, console)
-            return _play(playlist, estimators, emulator, config, folder, console)
+        with (
+            EmulatorProcess(file, arguments) as emulator,
+            _begun(seen, playlist, console) as view,
+        ):
+            database = _database(motions, playlist, console)
+            estimators = _warm_estimators(database, playlist, config.method, console)
+            if view is not None:
+                view.wait()
+            return _play(playlist, database, estimators, emulator, config, folder, console, view)
+
+
+@contextlib.contextmanager
+def _begun(
+    seen: ViewOptions | None, playlist: Playlist, console: Console
+) -> Iterator[DemoView | None]:
+    """The view, beginning beside the warm-up; None if none is wanted."""
+    if seen is None or seen.kind == "none":
+        yield None
+        return
+    with DemoView(seen, playlist, lambda words: console.print(words, highlight=False)) as view:
+        yield view
 
 
 def _emulator_arguments(config: DemoConfig, playlist: Playlist) -> list[str]:
@@ -132,12 +159,16 @@ def _emulator_arguments(config: DemoConfig, playlist: Playlist) -> list[str]:
     return arguments
 
 
+def _database(motions: Sequence[Motion], playlist: Playlist, console: Console) -> PoseDatabase:
+    with console.status("building the database"):
+        return PoseDatabase.build(motions, rate=playlist.rate, mirror=True)
+
+
 def _warm_estimators(
-    motions: Sequence[Motion], playlist: Playlist, method: str, console: Console
+    database: PoseDatabase, playlist: Playlist, method: str, console: Console
 ) -> tuple[AnyEstimator, ...]:
     """For every clip of the list an estimator that must not look at it, compiled."""
-    with console.status("building the database"):
-        database = PoseDatabase.build(motions, rate=playlist.rate, mirror=True)
+    with console.status("learning from the database"):
         everything = build_estimator(method, playlist.subject, database)
         without: dict[str, AnyEstimator] = {}
         for clip in playlist.clips:
@@ -156,11 +187,13 @@ def _warm_estimators(
 
 def _play(
     playlist: Playlist,
+    database: PoseDatabase,
     estimators: tuple[AnyEstimator, ...],
     emulator: EmulatorProcess,
     config: DemoConfig,
     folder: Path,
     console: Console,
+    view: DemoView | None,
 ) -> DemoRun:
     trackers = playlist.subject.trackers
     stations = {name: number for number, name in enumerate(trackers, start=1)}
@@ -182,7 +215,7 @@ def _play(
         session = Session(
             stream,
             lambda t: estimators[clip_at(t)],
-            [collected, file],
+            [collected, file, *(() if view is None else view.sinks)],
             devices=[device],
             most_behind=math.inf,
         )
@@ -193,7 +226,11 @@ def _play(
             playlist.seconds,
             zero,
         )
-        session.on_idle = IdleWork((REFRESH, line.draw))
+        chores = [(REFRESH, line.draw)]
+        if view is not None:
+            view.begin(session, stream, device, database, zero)
+            chores.append((EVERY, view.refresh))
+        session.on_idle = IdleWork(*chores)
         with line, stopped_by_interrupt(session):
             # Half a period early: a frame counts for the row that is nearest.
             half = 0.5 / playlist.rate

@@ -1,0 +1,80 @@
+"""Camera presets and the mouse, for the viewers of `mujoco.studio`.
+
+The camera tracks the body, so that browsers can follow it and turn around it on their own; a
+preset turns it once, and once more when the body has been found anew.
+"""
+
+import math
+from typing import Final
+
+import mujoco
+from mujoco.studio import viewer_protocol
+from mujoco.studio.dear_imgui import dear_imgui as imgui
+
+from localreg.view.cameras import PRESETS, Preset, look_from
+from localreg.view.moment import Moment
+
+KEYS: Final = tuple(f"N{number}" for number in range(1, len(PRESETS) + 1))
+"""Keys of the presets, in their order."""
+
+_TRACKED: Final = 1  # the body's root, behind the world
+_DEGREES_A_PIXEL: Final = 0.3
+_ZOOM: Final = 0.9
+
+
+class CameraMan:
+    """Turns the camera of one viewer.
+
+    Args:
+        viewer: whose camera.
+    """
+
+    def __init__(self, viewer: viewer_protocol.Viewer) -> None:
+        self._viewer = viewer
+        viewer.camera.type = int(mujoco.mjtCamera.mjCAMERA_TRACKING)
+        viewer.camera.trackbodyid = _TRACKED
+        viewer.camera.distance, viewer.camera.elevation = 3.2, -9.0
+        self._preset: Preset | None = None
+        self._is_placed = False
+
+    def place(self, preset: Preset, moment: Moment) -> None:
+        """Look at a body from a preset's direction."""
+        found = look_from(preset, moment.qpos)
+        camera = self._viewer.camera
+        camera.azimuth = math.degrees(found.azimuth)
+        camera.elevation = math.degrees(found.elevation)
+        camera.distance = 1.15 * found.distance
+        self._preset = preset
+        self._is_placed = True
+
+    def mind(self, moment: Moment) -> None:
+        """Look at a body that was just found, as long as nobody has turned the camera."""
+        if not self._is_placed:
+            self.place("follow", moment)
+        elif moment.is_start and self._preset is not None:
+            self.place(self._preset, moment)
+
+    def obey_mouse(self) -> None:
+        """Turn and zoom by the mouse, in windows; browsers do so themselves."""
+        if self._viewer.client_camera is not None:
+            return
+        io, camera = imgui.GetIO(), self._viewer.camera
+        if io.WantCaptureMouse:
+            return
+        if imgui.IsMouseDragging(0):
+            camera.azimuth -= _DEGREES_A_PIXEL * io.MouseDelta.x
+            elevation = camera.elevation - _DEGREES_A_PIXEL * io.MouseDelta.y
+            camera.elevation = min(max(elevation, -89.0), 89.0)
+            self._preset = None
+        if io.MouseWheel:
+            camera.distance *= _ZOOM**io.MouseWheel
+
+
+def pressed_preset() -> Preset | None:
+    """The preset whose key was just pressed."""
+    if imgui.IsAnyItemActive():
+        return None
+    for key, preset in zip(KEYS, PRESETS, strict=True):
+        if imgui.IsKeyPressed(getattr(imgui.Key, key), False):
+            return preset
+    return None

@@ -1,0 +1,87 @@
+"""The one plugin of `mujoco.studio` that makes its viewers show a body: page and window."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final
+
+from mujoco.studio import messages, plugin
+from mujoco.studio.dear_imgui import dear_imgui as imgui
+
+from localreg.view.panels import Desk, Panel, panels_for
+from localreg.view.panels_camera import CameraMan, pressed_preset
+from localreg.view.scene import LOOKS, Stage, geoms, marks, show_look
+
+WIDTH: Final = 360.0
+"""Of the side window [pixels]."""
+
+_MARGIN: Final = 10.0
+
+
+class BodyPlugin(plugin.ViewerPlugin):
+    """Poses the viewer's own copy of the stage and draws the panels.
+
+    Args:
+        stage: the model that the viewer was made with.
+        desk: what is shown.
+        panels: the sections of the side window; by default all that have something to show.
+    """
+
+    def __init__(self, stage: Stage, desk: Desk, panels: Sequence[Panel] | None = None) -> None:
+        self._stage = stage
+        self._desk = desk
+        self._panels = panels_for(desk) if panels is None else list(panels)
+
+    @messages.handler
+    def _on_viewer_init(self, _: plugin.ViewerInitEvent) -> None:
+        self._camera_man = CameraMan(self.viewer)
+
+    @messages.handler
+    def _on_update(self, _: messages.UpdateEvent) -> None:
+        desk, viewer = self._desk, self.viewer
+        moment = desk.look()
+        for panel in self._panels:
+            panel.watch(desk)
+        self._obey_keys()
+        self._camera_man.obey_mouse()
+        show_look(viewer.vis_options, desk.style.look)
+        if moment is None:
+            return
+        if desk.camera is not None:
+            self._camera_man.place(desk.camera, moment)
+            desk.camera = None
+        if desk.is_new:
+            self._camera_man.mind(moment)
+        self._stage.place(viewer.data, moment, desk.style)
+        viewer.extra_geoms[:] = geoms(marks(moment, desk.style))
+
+    def _obey_keys(self) -> None:
+        desk = self._desk
+        if (preset := pressed_preset()) is not None:
+            desk.camera = preset
+        if imgui.IsAnyItemActive():
+            return
+        if imgui.IsKeyPressed(imgui.Key.L, False):
+            look = LOOKS[(LOOKS.index(desk.style.look) + 1) % len(LOOKS)]
+            desk.style = replace(desk.style, look=look)
+        transport = desk.source.transport
+        if transport is not None and imgui.IsKeyPressed(imgui.Key.Space, False):
+            transport.is_playing = not transport.is_playing
+
+    @messages.handler
+    def _on_build_gui(self, _: messages.BuildGuiEvent) -> None:
+        size = imgui.GetIO().DisplaySize
+        imgui.SetNextWindowPos(imgui.Vec2(_MARGIN, _MARGIN), imgui.Cond.Once)
+        height = max(200.0, size.y - 2.0 * _MARGIN)
+        imgui.SetNextWindowSize(imgui.Vec2(WIDTH, height), imgui.Cond.Once)
+        imgui.SetNextWindowBgAlpha(0.85)
+        is_open, _ = imgui.Begin("localreg")
+        if is_open:
+            if self._desk.moment is None:
+                imgui.TextDisabled("waiting for the first pose")
+            for panel in self._panels:
+                opened = imgui.TreeNodeFlags.DefaultOpen if panel.is_open else 0
+                if imgui.CollapsingHeader(panel.title, opened):
+                    imgui.PushID(panel.title)
+                    panel.draw(self._desk)
+                    imgui.PopID()
+        imgui.End()
