@@ -1,11 +1,14 @@
 """Placing a whole body rigidly where the trackers are."""
 
+from typing import no_type_check
+
 import numpy as np
 from jaxtyping import Float
+from numba import njit
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
-from localreg.body.chain import Chain, place_trackers
+from localreg.body.chain import Chain, conjugate, multiply, place_trackers, rotate
 from localreg.synthesis.energy import Observation
 
 _POSITION_SCALE = 0.05  # a body placed rigidly fits positions to about this [m] ...
@@ -55,17 +58,25 @@ def snap_to_reference(
     if not (observation.position_mask[reference] and observation.orientation_mask[reference]):
         return qpos
     positions, quaternions = place_trackers(chain, qpos)
-    measured = Rotation.from_quat(np.asarray(observation.quaternions)[reference], scalar_first=True)
-    turn = measured * Rotation.from_quat(quaternions[reference], scalar_first=True).inv()
-    arm = turn.apply(qpos[:3] - positions[reference])
-    root = turn * Rotation.from_quat(qpos[3:7], scalar_first=True)
-    return np.concatenate(
-        [
-            np.asarray(observation.positions)[reference] + arm,
-            root.as_quat(scalar_first=True),
-            qpos[7:],
-        ]
+    return _snap(
+        qpos,
+        (positions[reference], quaternions[reference]),
+        (observation.positions[reference], observation.quaternions[reference]),
     )
+
+
+@njit(cache=True)
+@no_type_check
+def _snap(qpos, predicted, measured):
+    """The pose moved rigidly so that what was predicted comes to where it was measured."""
+    snapped = qpos.copy()
+    back, turn, arm = np.empty(4), np.empty(4), np.empty(3)
+    conjugate(predicted[1], back)
+    multiply(measured[1], back, turn)
+    rotate(turn, qpos[:3] - predicted[0], arm)
+    snapped[:3] = measured[0] + arm
+    multiply(turn, qpos[3:7], snapped[3:7])
+    return snapped
 
 
 def _matrices(quaternions: Float[ndarray, "*k 4"]) -> Float[ndarray, "*k 3 3"]:

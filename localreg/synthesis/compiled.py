@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit
 
 from localreg.body.chain import (
+    Placed,
     conjugate,
     difference,
     integrate,
@@ -23,6 +24,7 @@ from localreg.body.chain import (
     place,
     tracker_jacobian,
 )
+from localreg.synthesis.linear_algebra import factorize, substitute
 
 _TANGENT = 62
 _WEAKEST_DAMPING = 1e-3
@@ -163,45 +165,6 @@ def _add_rows(rows, error, sigma, control, columns, H, g):
 
 @njit(cache=True)
 @no_type_check
-def factorize(H, damping, L):
-    """Cholesky factor of the lower triangle of H, its diagonal grown; False if there is none."""
-    n = len(H)
-    for i in range(n):
-        for j in range(i + 1):
-            total = H[i, j]
-            if i == j:
-                total *= 1.0 + damping
-            row_i, row_j = L[i], L[j]
-            for k in range(j):
-                total -= row_i[k] * row_j[k]
-            if i == j:
-                if not total > 0.0:
-                    return False
-                L[i, i] = np.sqrt(total)
-            else:
-                L[i, j] = total / L[j, j]
-    return True
-
-
-@njit(cache=True)
-@no_type_check
-def substitute(L, b, x):
-    """Solve L L^T x = b for a lower triangular L."""
-    n = len(b)
-    for i in range(n):
-        total = b[i]
-        for k in range(i):
-            total -= L[i, k] * x[k]
-        x[i] = total / L[i, i]
-    for i in range(n - 1, -1, -1):
-        total = x[i]
-        for k in range(i + 1, n):
-            total -= L[k, i] * x[k]
-        x[i] = total / L[i, i]
-
-
-@njit(cache=True)
-@no_type_check
 def energy_at(chain, observation, control, belief, qpos, placed, errors, deviation, pull):
     """The energy of a pose; writes all that a linearization needs."""
     place(chain, qpos, placed)
@@ -209,6 +172,20 @@ def energy_at(chain, observation, control, belief, qpos, placed, errors, deviati
     return tracker_energy(errors[0], errors[1], observation, control) + _prior_energy(
         belief, qpos, deviation, pull
     )
+
+
+@njit(cache=True)
+@no_type_check
+def energy_of(chain, observation, control, belief, qpos):
+    """The energy of a pose."""
+    sites = len(chain.site_body)
+    placed = Placed(
+        np.empty((len(chain.parent), 3)), np.empty((len(chain.parent), 4)),
+        np.empty((len(qpos) - 7, 3)), np.empty((sites, 3)), np.empty((sites, 4)),
+    )  # fmt: skip
+    errors = np.zeros((sites, 3)), np.zeros((sites, 3))
+    room = np.empty(_TANGENT), np.empty(_TANGENT)
+    return energy_at(chain, observation, control, belief, qpos, placed, errors, room[0], room[1])
 
 
 @njit(cache=True)

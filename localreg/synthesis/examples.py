@@ -1,6 +1,7 @@
 """Where examples come from: the database seen by one subject, minus what is left out."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -52,6 +53,11 @@ class ExampleSource:
     targets: Bool[ndarray, " N"]
     count: int
     history: int
+
+    @cached_property
+    def angles(self) -> Float32[ndarray, "N 56"]:
+        """Joint angles of all poses: a plain array, since indexing a memory map is slow [rad]."""
+        return np.asarray(self.database.angles)
 
     def find(self, query: Query) -> Examples:
         """The nearest examples, single precision as stored."""

@@ -27,12 +27,12 @@ from localreg.database.neighbours import Neighbours, Query, nearest
 from localreg.synthesis.examples import ExampleSource
 from localreg.synthesis.local_fit import LocalFit, kernel_weights, within_reach
 from localreg.synthesis.settings import Settings
-from localreg.synthesis.windows import Inputs, all_steps, pose_inputs, step_inputs
+from localreg.synthesis.windows import Inputs, Steps, pose_inputs, step_inputs, steps
 
-POSE_RIDGES: Final = np.array([1.0, 3.0, 10.0, 30.0, 100.0, 300.0])
+POSE_RIDGES: Final = np.array([1.0, 10.0, 100.0])
 """Ridges that outputs of the pose regression choose from."""
 
-STEP_RIDGES: Final = np.array([1.0, 10.0, 100.0, 1000.0])
+STEP_RIDGES: Final = np.array([1.0, 30.0, 1000.0])
 """Ridges that outputs of the step regression choose from."""
 
 NEAR: Final = 0.1
@@ -90,7 +90,7 @@ class Experience:
 
     pose: Inputs
     step: Inputs
-    steps: Float[ndarray, "N 62"]
+    steps: Steps
     pose_ridge: Int[ndarray, "56"]
     step_ridge: Int[ndarray, "62"]
     pose_growth: Float[ndarray, "56 56"]
@@ -120,7 +120,7 @@ def learn(
 ) -> Experience:
     """Rehearse on the database that a source may use."""
     database, targets = source.database, source.targets
-    transitions = all_steps(database, targets)
+    transitions = steps(database, targets)
     step = step_inputs(
         database, targets, settings.history, settings.step_noise, settings.components
     )
@@ -195,7 +195,7 @@ def _rehearse(
     angle_noise: Float[ndarray, "56"],
     pose: Inputs,
     step: Inputs,
-    transitions: Float[ndarray, "N 62"],
+    transitions: Steps,
     ridge: Int[ndarray, "56"] | None,
 ) -> Rehearsal:
     """Predict each row from the database without its own clip and that clip's copies."""
@@ -242,7 +242,7 @@ def _predict(
     near: Neighbours,
     pose: Inputs,
     step: Inputs,
-    transitions: Float[ndarray, "N 62"],
+    transitions: Steps,
     ridge: Int[ndarray, "56"] | None,
 ) -> tuple[Any, ...]:
     """One row's entries of a `Rehearsal`."""
@@ -253,17 +253,17 @@ def _predict(
     trust = np.ones(len(pose.noise))
     x = pose.reduce(np.concatenate([raw, query.features]), trust)
     X = pose.of(rows, trust)
-    fit = LocalFit(X, database.angles[rows].astype(float), weights, within_reach(X, weights, x))
+    fit = LocalFit(X, source.angles[rows], weights, within_reach(X, weights, x))
     known = np.zeros(DOF_COUNT)
     if ridge is not None:
         known = np.diagonal(fit.normal(POSE_RIDGES, ridge).covariance)
-    errors = database.angles[row] - fit.predictions(POSE_RIDGES)
+    errors = source.angles[row].astype(float) - fit.predictions(POSE_RIDGES)
     # The past before a step is known better than its share of lasting noise says.
     past = database.histories(np.array([row]), settings.history)[0].ravel().astype(float)
     s = step.reduce(past, trust[: len(past)])
     S = step.of(rows, trust[: len(past)])
-    fit = LocalFit(S, transitions[rows].astype(float), weights, within_reach(S, weights, s))
-    step_errors = transitions[row] - fit.predictions(STEP_RIDGES)
+    fit = LocalFit(S, transitions.of(rows), weights, within_reach(S, weights, s))
+    step_errors = transitions.of(np.array([row]))[0].astype(float) - fit.predictions(STEP_RIDGES)
     middle = rows[int(NEAR * settings.neighbours)]
     apart = database.angles[middle - np.arange(1, settings.history + 1)] - query.history
     metric = source.metric

@@ -17,15 +17,15 @@ Errors of consecutive frames are alike, which is why they cannot simply be avera
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, no_type_check
 
 import numpy as np
 from jaxtyping import Float, Int
+from numba import njit
 from numpy import ndarray
 
-from localreg.body.chain import Chain, difference, integrate
+from localreg.body.chain import Chain, difference, integrate, rotate
 from localreg.body.skeleton import DOF_COUNT, TANGENT_SIZE
-from localreg.database.features import quaternions_to_matrices
 from localreg.database.neighbours import Neighbours, Query
 from localreg.synthesis.belief import Belief, Limits
 from localreg.synthesis.examples import ExampleSource
@@ -36,6 +36,7 @@ from localreg.synthesis.experience import (
     Experience,
     learn,
 )
+from localreg.synthesis.linear_algebra import factorize, positive_inverse, substitute
 from localreg.synthesis.local_fit import LocalFit, Normal, kernel_weights, within_reach
 from localreg.synthesis.prior import Acquisition, Expectation, Prior, spread_starts
 from localreg.synthesis.settings import Settings
@@ -56,6 +57,18 @@ class Drift(NamedTuple):
     mean: Float[ndarray, "62"]
     covariance: Float[ndarray, "62 62"]
     cross: Float[ndarray, "62 62"]
+
+
+class Ahead(NamedTuple):
+    """The drift before a frame is solved, and what the solution will say of it.
+
+    Attributes:
+        drift: as expected.
+        gain: change of the drift's mean by the deviation of the pose from the expected one.
+    """
+
+    drift: Drift
+    gain: Float[ndarray, "62 62"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,36 +110,31 @@ class LocalRegression(Prior):
 
     def expect(self, query: Query, state: State) -> Expectation:
         """Pose and step regression, fused with the belief of the last frame."""
-        settings = self.settings
-        neighbours = self.source.search.search(query, settings.neighbours)
+        settings, source = self.settings, self.source
+        neighbours = source.search.search(query, settings.neighbours)
         weights = kernel_weights(neighbours.squared_distances)
         distance = self._distance(neighbours, query)
         before = np.asarray(state.qpos, dtype=float)
-        step = _in_the_world(self._step(neighbours.rows, weights, query, distance), before)
-        nothing = np.zeros_like(step.covariance)
-        drift = state.drift or Drift(np.zeros(TANGENT_SIZE), step.covariance, nothing)
-        lasts = settings.drift_memory
-        mean = lasts * drift.mean
-        spread = lasts**2 * drift.covariance + (1.0 - lasts**2) * step.covariance
+        step = self._step(neighbours.rows, weights, query, distance)
+        to_the_world(before[3:7], step.mean, step.covariance)
+        drift = state.drift or Drift(
+            np.zeros(TANGENT_SIZE), step.covariance, np.zeros_like(step.covariance)
+        )
         floor = np.repeat(
             [settings.step_floor_position, settings.step_floor_angle], [3, 3 + DOF_COUNT]
         )
-        covariance = np.asarray(state.covariance) + spread + np.diag(floor**2)
-        covariance += lasts * (drift.cross + drift.cross.T)
+        covariance, spread, cross = _carry(
+            np.asarray(state.covariance), drift, step.covariance, settings.drift_memory, floor
+        )
+        mean = settings.drift_memory * drift.mean
         qpos = np.empty(7 + DOF_COUNT)
         integrate(before, step.mean + mean, qpos)
-        carried = np.linalg.inv(covariance)
-        carried = 0.5 * (carried + carried.T)
         pose = self._pose(neighbours.rows, weights, query, distance)
-        new = settings.pose_information * np.linalg.inv(pose.covariance)
-        information = carried.copy()
-        information[6:, 6:] += 0.5 * (new + new.T)
-        pull = np.zeros(TANGENT_SIZE)
-        pull[6:] = new @ (pose.mean - qpos[7:])
+        offset, information, gain = _fuse(covariance, cross, pose, qpos, settings.pose_information)
         return Expectation(
-            belief=Belief(qpos, np.linalg.solve(information, pull), information, self.limits),
+            belief=Belief(qpos, offset, information, self.limits),
             covariance=covariance,
-            drift=Drift(mean, spread, lasts * drift.cross + spread),
+            drift=Ahead(Drift(mean, spread, cross), gain),
             caution=self.experience.caution,
             confidence=min(1.0, self.experience.usual / max(distance, 1e-9)),
         )
@@ -138,15 +146,17 @@ class LocalRegression(Prior):
         covariance: Float[ndarray, "62 62"],
     ) -> Drift | None:
         """The drift as the solved pose has corrected it."""
-        drift = expectation.drift
-        if drift is None or expectation.covariance is None:
+        if expectation.drift is None or expectation.covariance is None:
             return None
-        gain = np.linalg.solve(expectation.covariance, drift.cross).T
         moved = np.empty(TANGENT_SIZE)
         difference(expectation.belief.qpos, qpos, moved)
-        spread = drift.covariance - gain @ (expectation.covariance - covariance) @ gain.T
-        corrected = Drift(drift.mean + gain @ moved, 0.5 * (spread + spread.T), covariance @ gain.T)
-        return corrected if all(np.isfinite(part).all() for part in corrected) else None
+        drift, gain = expectation.drift
+        corrected = Drift(
+            drift.mean + gain @ moved,
+            _corrected(drift.covariance, gain, expectation.covariance, covariance),
+            covariance @ gain.T,
+        )
+        return corrected if np.isfinite([part.sum() for part in corrected]).all() else None
 
     def acquire(self, query: Query) -> Acquisition:
         """The pose regression's answer without a past, and some of the examples themselves."""
@@ -154,7 +164,7 @@ class LocalRegression(Prior):
         weights = kernel_weights(neighbours.squared_distances)
         distance = self._distance(neighbours, query)
         pose = self._pose(neighbours.rows, weights, query, distance)
-        examples = self.source.database.angles[neighbours.rows].astype(float)
+        examples = self.source.angles[neighbours.rows].astype(float)
         return Acquisition(
             spread_starts(pose.mean, examples), pose.mean, np.linalg.inv(pose.covariance)
         )
@@ -175,11 +185,13 @@ class LocalRegression(Prior):
         inputs = self.experience.pose
         trust = np.concatenate([np.repeat(query.history_valid, DOF_COUNT), query.feature_trust])
         x = inputs.reduce(np.concatenate([query.history.ravel(), query.features]), trust)
-        X, Y = inputs.of(rows, trust), self.source.database.angles[rows].astype(float)
-        fit = LocalFit(X, Y, weights, within_reach(X, weights, x))
-        mean, covariance = fit.normal(POSE_RIDGES, self.experience.pose_ridge)
-        covariance = covariance + distance * self.experience.pose_growth
-        return Normal(mean, covariance + self.settings.floor**2 * np.eye(DOF_COUNT))
+        X = inputs.of(rows, trust)
+        fit = LocalFit(X, self.source.angles[rows], weights, within_reach(X, weights, x))
+        mean, known = fit.normal(POSE_RIDGES, self.experience.pose_ridge)
+        covariance = distance * self.experience.pose_growth
+        covariance += known
+        covariance[np.diag_indices(DOF_COUNT)] += self.settings.floor**2
+        return Normal(mean.astype(float), covariance)
 
     def _step(
         self,
@@ -192,17 +204,69 @@ class LocalRegression(Prior):
         inputs = self.experience.step
         trust = np.repeat(query.history_valid, DOF_COUNT).astype(float)
         x = inputs.reduce(query.history.ravel(), trust)
-        X, Y = inputs.of(rows, trust), self.experience.steps[rows].astype(float)
+        X, Y = inputs.of(rows, trust), self.experience.steps.of(rows)
         fit = LocalFit(X, Y, weights, within_reach(X, weights, x))
-        mean, covariance = fit.normal(STEP_RIDGES, self.experience.step_ridge)
-        return Normal(mean, covariance + distance * self.experience.step_growth)
+        mean, known = fit.normal(STEP_RIDGES, self.experience.step_ridge)
+        covariance = distance * self.experience.step_growth
+        covariance += known
+        return Normal(mean.astype(float), covariance)
 
 
-def _in_the_world(step: Normal, qpos: Float[ndarray, "63"]) -> Normal:
-    """The step with its root translation turned from the root's axes into the world's."""
-    turn = quaternions_to_matrices(qpos[3:7])
-    mean, covariance = step.mean.copy(), step.covariance.copy()
-    mean[:3] = turn @ mean[:3]
-    covariance[:3] = turn @ covariance[:3]
-    covariance[:, :3] = covariance[:, :3] @ turn.T
-    return Normal(mean, covariance)
+@njit(cache=True)
+@no_type_check
+def to_the_world(quaternion, mean, covariance):
+    """Turn a step's root translation from the root's axes into the world's, in place."""
+    turned = np.empty(3)
+    rotate(quaternion, mean[:3], turned)
+    mean[:3] = turned
+    for j in range(covariance.shape[1]):
+        rotate(quaternion, covariance[:3, j], turned)
+        covariance[:3, j] = turned
+    for i in range(len(covariance)):
+        rotate(quaternion, covariance[i, :3], turned)
+        covariance[i, :3] = turned
+
+
+@njit(cache=True)
+@no_type_check
+def _carry(covariance, drift, step, lasts, floor):
+    """The past carried on: covariance of the pose, of the drift, and of both together."""
+    n = len(covariance)
+    ahead, spread = np.empty((n, n)), np.empty((n, n))
+    for i in range(n):
+        for j in range(n):
+            spread[i, j] = lasts**2 * drift.covariance[i, j] + (1.0 - lasts**2) * step[i, j]
+            both = lasts * (drift.cross[i, j] + drift.cross[j, i])
+            ahead[i, j] = covariance[i, j] + spread[i, j] + both
+        ahead[i, i] += floor[i] ** 2
+    return ahead, spread, lasts * drift.cross + spread
+
+
+@njit(cache=True)
+@no_type_check
+def _fuse(covariance, cross, pose, qpos, share):
+    """What past and pose regression say together of the deviation from a pose.
+
+    Returns:
+        Its mean, its information, and the gain of the drift.
+    """
+    carried = positive_inverse(covariance)
+    new = share * positive_inverse(pose.covariance)
+    information = carried.copy()
+    information[6:, 6:] += new
+    pull, mean = np.zeros(len(carried)), np.empty(len(carried))
+    pull[6:] = np.dot(new, pose.mean - qpos[7:])
+    L = np.zeros_like(information)
+    if factorize(information, 0.0, L):
+        substitute(L, pull, mean)
+    else:
+        mean[:] = np.nan
+    return mean, information, np.dot(cross.T, carried)
+
+
+@njit(cache=True)
+@no_type_check
+def _corrected(drift, gain, before, after):
+    """Covariance of the drift once the pose's has shrunk."""
+    spread = drift - np.dot(gain, np.dot(before - after, gain.T))
+    return 0.5 * (spread + spread.T)

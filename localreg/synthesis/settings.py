@@ -56,7 +56,7 @@ class Settings:
     """
 
     prior: str = "localreg"
-    neighbours: int = 400
+    neighbours: int = 300
     history: int = 3
     sigma_position: float = 0.004
     sigma_orientation: float = radians(1.0)

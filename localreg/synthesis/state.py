@@ -1,29 +1,14 @@
 """What an estimator carries from frame to frame."""
 
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 from numpy import ndarray
 
 from localreg.body.chain import difference, integrate
 from localreg.body.skeleton import DOF_COUNT, QPOS_SIZE, TANGENT_SIZE
-
-LONG: Final = 1000
-"""As good as never heard, in frames."""
-
-
-class Attention(NamedTuple):
-    """Which trackers are being heard.
-
-    Attributes:
-        away: for how many frames in a row each of the J trackers has been far from where
-            the motion led; `LONG` while it is masked.
-        unguided: for how many frames in a row the reference tracker's pose was not heard.
-    """
-
-    away: Int[ndarray, " J"]
-    unguided: int
+from localreg.synthesis.attention import LONG, Attention
 
 
 class State(NamedTuple):

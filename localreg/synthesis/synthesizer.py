@@ -6,30 +6,30 @@ frame -> query -> prior (neighbours, regression) -> belief -> solver -> pose
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from typing import Final, no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float
+from numba import njit
 from numpy import ndarray
 
-from localreg.body.chain import Chain, blank_placed, chain_of, place_trackers
+from localreg.body.chain import Chain, chain_of, place_trackers
 from localreg.body.kinematics import Kinematics
 from localreg.body.skeleton import TANGENT_SIZE
 from localreg.body.subject import Subject
 from localreg.database.features import FeatureLayout, quaternions_to_matrices
 from localreg.database.neighbours import Query
-from localreg.numerics import host_arrays
 from localreg.synthesis.alignment import align_root, snap_to_reference
+from localreg.synthesis.attention import Attention, listen, observe
 from localreg.synthesis.belief import Belief
-from localreg.synthesis.compiled import Control, energy_at
+from localreg.synthesis.compiled import Control
 from localreg.synthesis.energy import Observation
 from localreg.synthesis.estimator import Estimator, Pose, Result
+from localreg.synthesis.linear_algebra import positive_inverse
 from localreg.synthesis.prior import Expectation, Prior
 from localreg.synthesis.settings import Settings
-from localreg.synthesis.solver import SOLVERS, Problem, Solution
+from localreg.synthesis.solver import SOLVERS, Problem, Solution, pose_energy
 from localreg.synthesis.state import (
-    LONG,
-    Attention,
     State,
     blank_state,
     coasting,
@@ -41,24 +41,9 @@ from sensors.pose import TrackerFrame
 LOST_AFTER: Final = 4
 """Frames in a row far from most trackers after which the pose is sought anew."""
 
-_ROOM: Final = 1000.0
-"""No tracker is farther than this from the origin, or its position is nonsense [m]."""
-
 _FAR: Final = 40.0
 """Median squared distance to the trackers, in units of their sigmas, that counts as far:
 3 cm or 6 degrees where 0.5 cm and 1 degree are expected."""
-
-_JUMP: Final = 0.12
-"""A tracker this far from prediction is doubted [m] ..."""
-
-_TWIST: Final = np.radians(30.0)
-"""... as is one turned this far from it [rad] ..."""
-
-_DOUBT: Final = 20
-"""... for at most so many frames in a row."""
-
-_LEAST_TRUST: Final = 0.05
-"""Trust in what is seen from a reference pose that has long been predicted only."""
 
 _LEAST_INFORMATION: Final = 1e-6
 """Keeps a covariance finite where nothing is observed."""
@@ -90,7 +75,7 @@ class Synthesizer(Estimator[State]):
 
     def init(self, frame: TrackerFrame) -> State:
         """Find the pose from one frame alone, from several starts."""
-        return self._acquire(self._blank(), _observe(frame))[0]
+        return self._acquire(self._blank(), observe(frame))[0]
 
     def init_at(self, qpos: Float[ndarray, "63"]) -> State:
         """Begin from a known pose."""
@@ -99,7 +84,7 @@ class Synthesizer(Estimator[State]):
 
     def step(self, state: State, frame: TrackerFrame) -> tuple[State, Pose]:
         """The next pose."""
-        observation = _observe(frame)
+        observation = observe(frame)
         query, attention = self._query(state, observation)
         expectation = self.prior.expect(query, state)
         solution = self._solve(state, observation, expectation)
@@ -142,39 +127,22 @@ class Synthesizer(Estimator[State]):
         return blank_state(self.settings.history, len(self.subject.trackers))
 
     def _query(self, state: State, observation: Observation) -> tuple[Query, Attention]:
-        """What is known before the pose is solved, and whom it was heard from.
-
-        A tracker far from where the motion so far leads is not believed here, or one jump
-        would choose the neighbours; the energy, which is robust, hears it all the same.
-        Where the reference tracker is masked or doubted, its predicted pose takes its place.
-        """
-        layout, reference = self._layout, self._layout.reference
-        predicted_positions, predicted = place_trackers(self._chain, coasting(state))
-        positions, quaternions = map(np.array, (observation.positions, observation.quaternions))
-        seen, facing = map(np.array, (observation.position_mask, observation.orientation_mask))
-        off = np.linalg.norm(positions - predicted_positions, axis=1)
-        turned = 2.0 * np.arccos(np.clip(np.abs((quaternions * predicted).sum(axis=1)), 0.0, 1.0))
-        far = (seen & (off > _JUMP)) | (facing & (turned > _TWIST))
-        away = np.where(far, np.minimum(state.attention.away + 1, LONG), 0)
-        away = np.where(seen | facing, away, LONG)
-        believed = ~far | (away > _DOUBT)
-        seen, facing = seen & believed, facing & believed
-        guided = bool(seen[reference] and facing[reference])
-        unguided = 0 if guided else min(state.attention.unguided + 1, LONG)
-        if not seen[reference]:
-            positions[reference] = predicted_positions[reference]
-        if not facing[reference]:
-            quaternions[reference] = predicted[reference]
-        trust = layout.trust(seen, facing, max(_LEAST_TRUST, 0.5 * 0.8**unguided))
+        """What is known before the pose is solved, and whom it was heard from."""
+        layout = self._layout
+        positions, quaternions = place_trackers(self._chain, coasting(state))
+        heard, attention = listen(
+            observation, positions, quaternions, state.attention, layout.reference
+        )
+        trust = layout.trust(heard.seen, heard.facing, heard.in_reference)
         if not self.settings.search_by_trackers and np.any(state.history_valid):
             trust = np.zeros_like(trust)
         query = Query(
             history=np.asarray(state.history),
             history_valid=np.asarray(state.history_valid),
-            features=layout.extract(positions, quaternions_to_matrices(quaternions)),
+            features=layout.extract(heard.positions, quaternions_to_matrices(heard.quaternions)),
             feature_trust=trust,
         )
-        return query, Attention(away, unguided)
+        return query, attention
 
     def _solve(self, state: State, observation: Observation, expectation: Expectation) -> Solution:
         """The solver's answer, from the better of two starts."""
@@ -184,7 +152,7 @@ class Synthesizer(Estimator[State]):
             return self._stay(state, observation, expectation)
         # Constant velocity and the reference tracker disagree when one of them is wrong.
         snapped = snap_to_reference(self._chain, expected, observation, self._layout.reference)
-        start = min(expected, snapped, key=lambda qpos: self._energy(problem, qpos))
+        start = min(expected, snapped, key=lambda qpos: pose_energy(problem, qpos))
         return SOLVERS[self.settings.solver].solve(problem, start, self.settings.max_steps)
 
     def _stay(self, state: State, observation: Observation, expectation: Expectation) -> Solution:
@@ -196,15 +164,6 @@ class Synthesizer(Estimator[State]):
         known = bool(np.isfinite(covariance).all())
         information = np.linalg.pinv(covariance) if known else np.full_like(covariance, np.nan)
         return Solution(qpos, np.nan, 0, information, apart, np.zeros_like(apart), orientations)
-
-    def _energy(self, problem: Problem, qpos: Float[ndarray, "63"]) -> float:
-        placed = blank_placed(problem.chain)
-        errors = np.zeros_like(placed.site_position), np.zeros_like(placed.site_position)
-        room = np.empty(TANGENT_SIZE), np.empty(TANGENT_SIZE)
-        return energy_at(
-            problem.chain, problem.observation, problem.control, problem.belief, qpos,
-            placed, errors, *room,
-        )  # fmt: skip
 
     def _acquire(self, state: State, observation: Observation) -> tuple[State, Solution]:
         """The best pose without a past.
@@ -246,8 +205,8 @@ class Synthesizer(Estimator[State]):
         squared = np.concatenate(
             [distances / control.sigma_position, angles / control.sigma_orientation]
         )
-        squared = np.square(squared[np.isfinite(squared)])
-        return bool(len(squared) and np.median(squared) > _FAR)
+        squared = np.sort(np.square(squared[np.isfinite(squared)]))
+        return bool(len(squared) and squared[len(squared) // 2] > _FAR)
 
     def _pose(
         self,
@@ -273,40 +232,38 @@ class Synthesizer(Estimator[State]):
         )
 
 
-def _observe(frame: TrackerFrame) -> Observation:
-    """A frame's arrays; what cannot be a position, or a rotation, counts as not measured."""
-    positions = np.asarray(frame.positions, dtype=float)
-    quaternions = np.asarray(frame.quaternions, dtype=float)
-    unit = (np.abs(quaternions) < 2.0).all(axis=1, keepdims=True)  # NaN is not
-    quaternions = np.where(unit, quaternions, 0.0)
-    norms = np.linalg.norm(quaternions, axis=1, keepdims=True)
-    seen = np.asarray(frame.position_mask) & (np.abs(positions) < _ROOM).all(axis=1)
-    turned = np.asarray(frame.orientation_mask) & (np.abs(norms[:, 0] - 1.0) < 0.1)
-    safe = np.where(turned[:, None], quaternions / np.where(norms > 0, norms, 1.0), _IDENTITY)
-    return Observation(*host_arrays(np.where(seen[:, None], positions, 0.0), safe, seen, turned))
-
-
-_IDENTITY: Final = np.array([1.0, 0.0, 0.0, 0.0])
-
-
 def _residuals(
     observation: Observation, solution: Solution
 ) -> tuple[Float[ndarray, " J"], Float[ndarray, " J"]]:
     """Distances [m] and angles [rad] to the trackers; NaN where not measured."""
-    distances = np.linalg.norm(solution.position_errors, axis=1)
-    angles = np.linalg.norm(solution.orientation_errors, axis=1)
     return (
-        np.where(observation.position_mask, distances, np.nan),
-        np.where(observation.orientation_mask, angles, np.nan),
+        _lengths(solution.position_errors, observation.position_mask),
+        _lengths(solution.orientation_errors, observation.orientation_mask),
     )
 
 
-def _inverse(information: Float[ndarray, "62 62"]) -> Float[ndarray, "62 62"]:
+@njit(cache=True)
+@no_type_check
+def _lengths(errors, measured):
+    """Lengths of some errors; NaN where not measured."""
+    out = np.full(len(errors), np.nan)
+    for j in range(len(errors)):
+        if measured[j]:
+            out[j] = np.sqrt(np.sum(np.square(errors[j])))
+    return out
+
+
+@njit(cache=True)
+@no_type_check
+def _inverse(information):
     """The covariance; of a belief that is not finite, one that knows little.
 
     Or no later frame could be solved either.
     """
-    if not np.isfinite(information).all():
-        return np.eye(TANGENT_SIZE)
-    covariance = np.linalg.inv(information + _LEAST_INFORMATION * np.eye(TANGENT_SIZE))
-    return 0.5 * (covariance + covariance.T)
+    grown = information.copy()
+    for i in range(len(grown)):
+        grown[i, i] += _LEAST_INFORMATION
+    covariance = positive_inverse(grown)
+    if not np.isfinite(np.sum(covariance)):
+        return np.eye(len(information))
+    return covariance

@@ -7,9 +7,11 @@ directions. What does not change from frame to frame is worked out here once.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
+from numba import njit
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
@@ -26,29 +28,29 @@ class Inputs:
 
     Attributes:
         noise: what each raw input is off by.
-        basis: principal directions of the inputs in units of their noise.
-        reduced: every pose's inputs in that basis; rows without a full past are not used.
+        onto: from raw inputs to the principal directions of inputs in units of their noise.
+        reduced: every pose's inputs along these; rows without a full past are not used.
         raw: reads the inputs of some rows as they are.
     """
 
     noise: Float[ndarray, " n"]
-    basis: Float32[ndarray, "n r"]
+    onto: Float32[ndarray, "n r"]
     reduced: Float32[ndarray, "N r"]
     raw: Callable[[Int[ndarray, " rows"]], Float32[ndarray, "rows n"]]
 
     def of(
         self, rows: Int[ndarray, " rows"], trust: Float[ndarray, " n"]
-    ) -> Float[ndarray, "rows r"]:
-        """Inputs of some rows in the basis, with no more trust than the query's."""
+    ) -> Float32[ndarray, "rows r"]:
+        """Reduced inputs of some rows, with no more trust than the query's."""
         if np.all(trust == 1.0):
-            return self.reduced[rows].astype(float)
-        return self.reduce(self.raw(rows).astype(float), trust)
+            return self.reduced[rows]
+        return self.reduce(self.raw(rows), trust)
 
     def reduce(
         self, raw: Float[ndarray, "*k n"], trust: Float[ndarray, " n"]
-    ) -> Float[ndarray, "*k r"]:
-        """Raw inputs in the basis, those of no trust left out."""
-        return (raw * (trust / self.noise)) @ self.basis
+    ) -> Float32[ndarray, "*k r"]:
+        """Raw inputs along the principal directions, those of no trust left out."""
+        return (raw * trust).astype(np.float32) @ self.onto
 
 
 def pose_inputs(
@@ -83,25 +85,51 @@ def step_inputs(
     return _inputs(raw, targets, np.full(history * DOF_COUNT, noise), components)
 
 
-def steps(database: PoseDatabase, rows: Int[ndarray, " rows"]) -> Float[ndarray, "rows 62"]:
-    """The tangent step into each pose; root translation in the axes of the root before."""
-    now, before = database.roots[rows].astype(float), database.roots[rows - 1].astype(float)
-    back = Rotation.from_quat(before[:, 3:], scalar_first=True).inv()
-    turn = back * Rotation.from_quat(now[:, 3:], scalar_first=True)
-    bend = database.angles[rows].astype(float) - database.angles[rows - 1]
-    # Stored angles may jump by a whole turn from one frame to the next.
-    bend -= 2.0 * np.pi * np.round(bend / (2.0 * np.pi))
-    return np.hstack([back.apply(now[:, :3] - before[:, :3]), turn.as_rotvec(), bend])
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """The tangent step into every pose, root translation in the axes of the root before.
+
+    Attributes:
+        root: the root's part; zero where there is no pose before.
+        angles: joint angles of all poses [rad].
+    """
+
+    root: Float32[ndarray, "N 6"]
+    angles: Float32[ndarray, "N 56"]
+
+    def of(self, rows: Int[ndarray, " rows"]) -> Float32[ndarray, "rows 62"]:
+        """The steps into some poses that have a pose before."""
+        return _steps(self.root, self.angles, rows)
 
 
-def all_steps(database: PoseDatabase, targets: Bool[ndarray, " N"]) -> Float32[ndarray, "N 62"]:
-    """`steps` of every target; zero elsewhere."""
-    found = np.zeros((len(database), 6 + DOF_COUNT), dtype=np.float32)
+def steps(database: PoseDatabase, targets: Bool[ndarray, " N"]) -> Steps:
+    """The steps into all targets."""
+    root = np.zeros((len(database), 6), dtype=np.float32)
     rows = np.flatnonzero(targets)
     for begin in range(0, len(rows), _CHUNK):
         chunk = rows[begin : begin + _CHUNK]
-        found[chunk] = steps(database, chunk)
-    return found
+        now, before = database.roots[chunk].astype(float), database.roots[chunk - 1].astype(float)
+        back = Rotation.from_quat(before[:, 3:], scalar_first=True).inv()
+        turn = back * Rotation.from_quat(now[:, 3:], scalar_first=True)
+        root[chunk] = np.hstack([back.apply(now[:, :3] - before[:, :3]), turn.as_rotvec()])
+    return Steps(root, np.asarray(database.angles))
+
+
+@njit(cache=True)
+@no_type_check
+def _steps(root, angles, rows):
+    out = np.empty((len(rows), root.shape[1] + angles.shape[1]), np.float32)
+    whole = np.float32(2.0 * np.pi)
+    for i in range(len(rows)):
+        row = rows[i]
+        out[i, :6] = root[row]
+        for j in range(angles.shape[1]):
+            bend = angles[row, j] - angles[row - 1, j]
+            # Stored angles may jump by a whole turn from one frame to the next.
+            if abs(bend) > np.float32(np.pi):
+                bend -= whole * np.round(bend / whole)
+            out[i, 6 + j] = bend
+    return out
 
 
 def _inputs(
@@ -114,10 +142,10 @@ def _inputs(
     scaled = raw(rows[:: max(1, len(rows) // _BASIS_ROWS)]) / noise
     scaled -= scaled.mean(axis=0, dtype=float)
     vectors = np.linalg.eigh(scaled.T @ scaled)[1]
-    basis = np.ascontiguousarray(vectors[:, ::-1][:, :components], dtype=np.float32)
-    onto = (basis / noise[:, None]).astype(np.float32)
-    reduced = np.zeros((len(targets), basis.shape[1]), dtype=np.float32)
+    basis = vectors[:, ::-1][:, :components]
+    onto = np.ascontiguousarray(basis / noise[:, None], dtype=np.float32)
+    reduced = np.zeros((len(targets), onto.shape[1]), dtype=np.float32)
     for begin in range(0, len(rows), _CHUNK):
         chunk = rows[begin : begin + _CHUNK]
         reduced[chunk] = raw(chunk) @ onto
-    return Inputs(noise, basis, reduced, raw)
+    return Inputs(noise, onto, reduced, raw)

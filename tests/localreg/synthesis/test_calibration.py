@@ -16,7 +16,7 @@ from localreg.database.neighbours import Query
 from localreg.evaluation.trackers import simulate_trackers
 from localreg.motion.motion import Motion
 from localreg.synthesis.local_fit import kernel_weights
-from localreg.synthesis.local_regression import LocalRegression, _in_the_world
+from localreg.synthesis.local_regression import LocalRegression, to_the_world
 from localreg.synthesis.prior import Expectation
 from localreg.synthesis.state import State
 from localreg.synthesis.synthesizer import Synthesizer
@@ -78,11 +78,11 @@ def standardize(localreg: Synthesizer, motion: Motion) -> Standardized:
         weights = kernel_weights(neighbours.squared_distances)
         pose = prior._pose(neighbours.rows, weights, query, distance)
         step = prior._step(neighbours.rows, weights, query, distance)
-        mean, spread = _in_the_world(step, state.qpos)
+        to_the_world(np.asarray(state.qpos)[3:7], step.mean, step.covariance)
         assert expected.covariance is not None
         parts = (
             ((now[7:] - pose.mean), np.diagonal(pose.covariance), bent),
-            (deviation_between(before, now) - mean, np.diagonal(spread), stepped),
+            (deviation_between(before, now) - step.mean, np.diagonal(step.covariance), stepped),
             (
                 deviation_between(expected.belief.qpos, now),
                 np.diagonal(expected.covariance),

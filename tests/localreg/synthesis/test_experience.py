@@ -74,7 +74,7 @@ def arrays(found: Experience) -> dict[str, ndarray]:
     return fields | parts
 
 
-PARTS = ("pose", "step")
+PARTS = ("pose", "step", "steps")
 
 
 def test_rehearsals_never_see_their_own_clip_or_its_copies(lesson, with_copies, monkeypatch):

@@ -9,9 +9,10 @@ from numpy import ndarray
 from localreg.body import chain
 from localreg.evaluation.trackers import simulate_trackers
 from localreg.motion.motion import Motion, Provenance
+from localreg.synthesis.attention import observe
 from localreg.synthesis.local_regression import Drift, LocalRegression
 from localreg.synthesis.state import State, blank_state, remember
-from localreg.synthesis.synthesizer import Synthesizer, _observe
+from localreg.synthesis.synthesizer import Synthesizer
 from tests.localreg.database.made_motion import make_motion
 from tests.localreg.synthesis.sessions import RATE, Session, follow, only, without
 
@@ -60,7 +61,7 @@ def step_errors(
     drift, errors = None, []
     for index in range(3, 40):
         state = knowing(motion, index)._replace(drift=drift if remembering else None)
-        query = localreg._query(state, _observe(trackers.frame(index)))[0]
+        query = localreg._query(state, observe(trackers.frame(index)))[0]
         expected = prior.expect(query, state)
         now = motion.qpos[index]
         errors.append(now[7:] - expected.belief.qpos[7:])
@@ -110,7 +111,7 @@ def test_what_is_remembered_is_a_covariance(localreg, trackers):
 
 def test_a_drift_that_is_not_finite_is_forgotten(localreg, prior, trackers):
     state = localreg.init(trackers.frame(0))
-    expected = prior.expect(localreg._query(state, _observe(trackers.frame(1)))[0], state)
+    expected = prior.expect(localreg._query(state, observe(trackers.frame(1)))[0], state)
     assert expected.drift is not None
     qpos = np.full(63, np.nan)
     assert prior.conclude(expected, qpos, np.eye(62)) is None
@@ -125,7 +126,7 @@ def test_the_belief_is_a_sound_gaussian(localreg, prior, trackers):
     """Symmetric, positive definite, and no wider than the past alone."""
     state = localreg.init(trackers.frame(0))
     for index in range(1, 8):
-        query = localreg._query(state, _observe(trackers.frame(index)))[0]
+        query = localreg._query(state, observe(trackers.frame(index)))[0]
         belief = prior.expect(query, state).belief
         np.testing.assert_allclose(belief.information, belief.information.T)
         assert np.linalg.eigvalsh(belief.information)[0] > 0.0
@@ -154,7 +155,7 @@ def test_the_prior_trusts_itself_less_on_motion_unlike_the_database(localreg, pr
     spreads = []
     for motion in (walk, made):
         state = knowing(motion, 20)
-        query = localreg._query(state, _observe(simulate_trackers(motion).frame(20)))[0]
+        query = localreg._query(state, observe(simulate_trackers(motion).frame(20)))[0]
         spreads.append(np.diagonal(prior.expect(query, state).covariance))
     assert np.sqrt(spreads[1]).mean() > 2.0 * np.sqrt(spreads[0]).mean()
 

@@ -1,5 +1,7 @@
 """Inputs and outputs of the regressions, worked out for the whole database at once."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy import ndarray
@@ -8,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from localreg.body import chain
 from localreg.synthesis.local_regression import LocalRegression
 from localreg.synthesis.synthesizer import Synthesizer
-from localreg.synthesis.windows import all_steps, steps
+from localreg.synthesis.windows import steps
 
 
 @pytest.fixture(scope="module")
@@ -30,12 +32,12 @@ def raw_inputs(prior: LocalRegression, rows: ndarray) -> ndarray:
 
 def test_a_step_leads_from_a_pose_to_the_next(prior, rows):
     database = prior.source.database
-    for row, step in zip(rows, steps(database, rows), strict=True):
+    for row, step in zip(rows, prior.experience.steps.of(rows), strict=True):
         before, now = (
             np.concatenate([database.roots[at], database.angles[at]]).astype(float)
             for at in (row - 1, row)
         )
-        turned = step.copy()
+        turned = step.astype(float)
         turned[:3] = Rotation.from_quat(before[3:7], scalar_first=True).apply(step[:3])
         reached, away = np.empty(63), np.empty(62)
         chain.integrate(before, turned, reached)
@@ -46,9 +48,18 @@ def test_a_step_leads_from_a_pose_to_the_next(prior, rows):
 
 
 def test_no_angle_steps_by_more_than_half_a_turn(prior):
-    found = all_steps(prior.source.database, prior.source.targets)
-    assert np.abs(found[:, 6:]).max() <= np.pi + 1e-6
-    assert not found[~prior.source.targets].any()
+    found = steps(prior.source.database, prior.source.targets)
+    rows = np.flatnonzero(prior.source.targets)
+    assert np.abs(found.of(rows)[:, 6:]).max() <= np.pi + 1e-6
+    assert not found.root[~prior.source.targets].any()
+
+
+def test_a_turn_of_the_stored_angles_is_no_step(prior):
+    found = steps(prior.source.database, prior.source.targets)
+    rows = np.flatnonzero(prior.source.targets)[:50]
+    turned = found.angles.copy()
+    turned[rows[10] :] += np.float32(2.0 * np.pi)
+    np.testing.assert_allclose(replace(found, angles=turned).of(rows), found.of(rows), atol=1e-5)
 
 
 @pytest.mark.parametrize("kind", ["pose", "step"])
@@ -73,8 +84,7 @@ def test_what_is_not_known_has_no_part_in_it(prior, rows, kind):
 @pytest.mark.parametrize("kind", ["pose", "step"])
 def test_directions_are_orthonormal_and_the_first_says_most(prior, rows, kind):
     inputs = getattr(prior.experience, kind)
-    np.testing.assert_allclose(
-        inputs.basis.T @ inputs.basis, np.eye(inputs.basis.shape[1]), atol=1e-5
-    )
+    basis = inputs.onto * inputs.noise[:, None]
+    np.testing.assert_allclose(basis.T @ basis, np.eye(basis.shape[1]), atol=1e-5)
     spread = inputs.reduced[np.flatnonzero(prior.source.targets)].std(axis=0)
     assert spread[0] == spread.max() > 3.0 * spread[-1]
