@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from localreg.commands.reading import OverridesFile, SourceRate, Sources
+from localreg.commands.reading import OverridesFile, SkeletonMapFile, SourceRate, Sources
 
 app = typer.Typer(
     help="Build a pose database, or look at one.",
@@ -34,15 +34,25 @@ def build(
     mirror: Annotated[bool, typer.Option(help="Also store the mirror image of every clip.")] = True,
     source_rate: SourceRate = None,
     overrides: OverridesFile = None,
+    skeleton_map: SkeletonMapFile = None,
+    json_file: Annotated[
+        Path | None,
+        typer.Option("--json", metavar="FILE", help="Also write what was read, joint by joint."),
+    ] = None,
 ) -> None:
-    """Build a pose database from motions, and say of every file what became of it."""
+    """Build a pose database from motions, and say of every file what became of it.
+
+    Files with another skeleton than ours are retargeted: their joints are told by name, or
+    by the shape of the skeleton, and their bone lengths are kept. Units and the axis that
+    points up are guessed where files do not say them; the notes say how.
+    """
     from localreg.commands.console import output, progress_bar
-    from localreg.commands.reading import read, report_table, skipped_table
+    from localreg.commands.reading import read, report_table, write_report
     from localreg.database import PoseDatabase
 
     if not 0.0 < rate < float("inf"):
         raise typer.BadParameter(f"{rate} Hz is no rate", param_hint="--rate")
-    motions, report = read(sources, source_rate, overrides)
+    motions, report = read(sources, source_rate, overrides, skeleton_map)
     with progress_bar("building") as bar:
 
         def told():
@@ -55,12 +65,17 @@ def build(
     database.save(out)
     console = output()
     console.print(report_table(report))
-    if report.skipped:
-        console.print(skipped_table(report))
+    if json_file is not None:
+        write_report(report, json_file)
     groups = len({clip.group for clip in database.clips})
     read_clips = sum(clip.image_of < 0 for clip in database.clips)
     if groups < read_clips:
         console.print(f"{read_clips - groups} clips hold recordings that others hold as well")
+    worst = max((e.joint_error or 0.0, e.name) for e in report.used)
+    console.print(
+        f"{len(report.used)} clips used, {len(report.skipped)} files skipped, largest error of "
+        f"retargeted joints {100.0 * worst[0]:.2f} cm on average ({worst[1]})"
+    )
     console.print(
         f"{out}: {len(database.clips)} clips, {len(database)} poses at {database.rate:g} Hz, "
         f"{database.seconds:.0f} s",

@@ -1,5 +1,7 @@
 """Motions for commands: read with progress, reported in a table."""
 
+import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -7,6 +9,7 @@ import typer
 from rich.table import Table
 
 from localreg.commands.console import notes, progress_bar
+from localreg.errors import MotionError
 from localreg.motion.motion import Motion
 from localreg.motion.overrides import Overrides
 from localreg.motion.sources import Report, read_sources
@@ -25,12 +28,24 @@ OverridesFile = Annotated[
     Path | None,
     typer.Option(help="TOML with rates, units and names for some files.", dir_okay=False),
 ]
+SkeletonMapFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--skeleton-map",
+        help="TOML that says which joints of foreign files are which bones; those that come with "
+        "the program are in its folder localreg/motion/skeletons.",
+        dir_okay=False,
+    ),
+]
 
 _FEW: Final = 20
 
 
 def read(
-    sources: list[str], source_rate: float | None, overrides: Path | None
+    sources: list[str],
+    source_rate: float | None,
+    overrides: Path | None,
+    skeleton_map: Path | None = None,
 ) -> tuple[list[Motion], Report]:
     """The motions of some sources, and the report on them.
 
@@ -41,29 +56,56 @@ def read(
         raise typer.BadParameter(f"{source_rate} Hz is no rate", param_hint="--source-rate")
     rules = None if overrides is None else Overrides.load(overrides)
     with progress_bar("reading") as bar:
-        return read_sources(sources, source_rate=source_rate, overrides=rules, progress=bar)
+        return read_sources(
+            sources,
+            source_rate=source_rate,
+            overrides=rules,
+            skeleton_map=skeleton_map,
+            progress=bar,
+        )
 
 
 def report_table(report: Report) -> Table:
-    """What became of every file: used under which name at which rate, or skipped and why."""
-    table = Table("clip", "frames", "seconds", "rate [Hz]", "rate from", "subject", "activity",
-                  "notes", title="What was read")  # fmt: skip
-    for column in (1, 2, 3):
+    """What became of every file: used under which name, or skipped and why.
+
+    `error` is the mean distance between a foreign file's joints and ours, over the joints
+    that both skeletons have.
+    """
+    table = Table("clip or file", "", "frames", "seconds", "rate [Hz]", "rate from", "skeleton",
+                  "error [cm]", "subject", "activity", "notes",
+                  title="What was read")  # fmt: skip
+    for column in (2, 3, 4, 7):
         table.columns[column].justify = "right"
     for entry in report.used:
+        error = "" if entry.joint_error is None else f"{100.0 * entry.joint_error:.2f}"
         table.add_row(
-            entry.name, str(entry.frames), f"{entry.seconds:.1f}", f"{entry.rate:.4g}",
-            entry.rate_rule, entry.subject, entry.activity, "; ".join(entry.notes),
+            entry.name, "used", str(entry.frames), f"{entry.seconds:.1f}", f"{entry.rate:.4g}",
+            entry.rate_rule, entry.skeleton, error, entry.subject, entry.activity,
+            "; ".join(entry.notes),
         )  # fmt: skip
-    return table
-
-
-def skipped_table(report: Report) -> Table:
-    """The files that were left out, and why."""
-    table = Table("file", "why", title="Skipped")
     for entry in report.skipped:
-        table.add_row(entry.source, entry.skipped)
+        why = entry.skipped.removeprefix(entry.source).lstrip(":, ")
+        table.add_row(entry.source, "skipped", *[""] * 8, why)
+    for entry in report.others:
+        table.add_row(entry.source, "", *[""] * 8, entry.skipped)
     return table
+
+
+def write_report(report: Report, path: Path) -> None:
+    """Write what became of every file as JSON, with the error of every joint [m].
+
+    Raises:
+        MotionError: the file cannot be written.
+    """
+    document = {
+        "schema": 1,
+        "entries": [asdict(e) | {"joint_errors": dict(e.joint_errors)} for e in report.entries],
+        "others": [{"source": e.source, "why": e.skipped} for e in report.others],
+    }
+    try:
+        path.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise MotionError(f"cannot write {path}: {error.strerror}; choose another place") from error
 
 
 def warn_of_skipped(report: Report) -> None:

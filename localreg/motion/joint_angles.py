@@ -43,17 +43,58 @@ def axis_rotations(axis: str, angles: Float[ndarray, "*b"]) -> Float[ndarray, "*
     return matrices
 
 
+def bone_rotation(
+    index: int, angles: Float[ndarray, "frames dofs"], axis_frame: Float[ndarray, "3 3"]
+) -> Float[ndarray, "frames 3 3"]:
+    """The turn of one bone against its parent, in root axes at rest.
+
+    Args:
+        index: of the bone.
+        angles: of its hinges, in their order [rad].
+        axis_frame: its axis frame C.
+    """
+    turn = np.broadcast_to(axis_frame, (len(angles), 3, 3))
+    for column, axis in enumerate(_COLUMNS[index]):
+        turn = turn @ axis_rotations(axis, angles[:, column])
+    return turn @ axis_frame.T
+
+
+def bone_angles(
+    index: int, rotations: Float[ndarray, "frames 3 3"], axis_frame: Float[ndarray, "3 3"]
+) -> tuple[tuple[int, ...], Float[ndarray, "frames dofs"]]:
+    """The angles of one bone that turn it as given, or as near to it as its hinges can.
+
+    Args:
+        index: of the bone.
+        rotations: its turn against its parent, in root axes at rest.
+        axis_frame: its axis frame C.
+
+    Returns:
+        Places of its angles among all joint angles, and the angles [rad].
+    """
+    columns = _COLUMNS[index]
+    places = tuple(columns.values())
+    turns = axis_frame.T @ rotations @ axis_frame
+    if len(columns) == 3:
+        return places, _three(turns, _LIMITS[list(places)])
+    if len(columns) == 2:
+        return places, _two(turns, *columns)
+    if len(columns) == 1:
+        return places, _one(turns, *columns)[:, None]
+    return places, np.zeros((len(turns), 0))
+
+
 def bone_rotations(
     angles: Float[ndarray, "frames 56"], axis_frames: Float[ndarray, "30 3 3"]
 ) -> Float[ndarray, "frames 30 3 3"]:
     """The turn of every bone against its parent, in root axes at rest."""
-    rotations = np.empty((len(angles), len(BONES), 3, 3))
-    for index, columns in enumerate(_COLUMNS):
-        turn = axis_frames[index]
-        for axis, column in columns.items():
-            turn = turn @ axis_rotations(axis, angles[:, column])
-        rotations[:, index] = turn @ axis_frames[index].T
-    return rotations
+    return np.stack(
+        [
+            bone_rotation(index, angles[:, list(columns.values())], axis_frames[index])
+            for index, columns in enumerate(_COLUMNS)
+        ],
+        axis=1,
+    )
 
 
 def joint_angles(
@@ -74,18 +115,9 @@ def joint_angles(
         the rotation that its hinges could not take [rad].
     """
     angles = np.zeros((len(rotations), DOF_COUNT))
-    for index, columns in enumerate(_COLUMNS):
-        if not columns:
-            continue
-        turns = axis_frames[index].T @ rotations[:, index] @ axis_frames[index]
-        column = np.array(list(columns.values()))
-        if len(columns) == 3:
-            found = _three(turns, _LIMITS[column])
-        elif len(columns) == 2:
-            found = _two(turns, *columns)
-        else:
-            found = _one(turns, *columns)[:, None]
-        angles[:, column] = found
+    for index, frame in enumerate(axis_frames):
+        places, found = bone_angles(index, rotations[:, index], frame)
+        angles[:, list(places)] = found
     missed = np.swapaxes(bone_rotations(angles, axis_frames), -1, -2) @ rotations
     return angles, _turn_angles(missed)
 

@@ -31,6 +31,9 @@ class Provenance:
         source: the file it was read from.
         mirrored: whether left and right are exchanged.
         notes: what a reader had to assume or mend.
+        skeleton: whose joints the file has, if they are not our bones to the letter.
+        joint_errors: for such a file, the mean distance between its joints and ours, by the
+            bone of ours that begins there [m].
     """
 
     name: str
@@ -40,6 +43,14 @@ class Provenance:
     source: str = ""
     mirrored: bool = False
     notes: tuple[str, ...] = ()
+    skeleton: str = ""
+    joint_errors: tuple[tuple[str, float], ...] = ()
+
+    @property
+    def joint_error(self) -> float | None:
+        """The mean of `joint_errors` [m]; None where the file has our own bones."""
+        errors = [error for _, error in self.joint_errors]
+        return sum(errors) / len(errors) if errors else None
 
 
 @dataclass(frozen=True, eq=False)

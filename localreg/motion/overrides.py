@@ -10,6 +10,8 @@ An overrides file is TOML with one table `[[file]]` for every rule:
 
     [[file]]
     match = "martial/*.bvh"
+    up = "z"                       # y or z, the axis that points up
+    skeleton_map = "my.toml"       # which joints are which bones; beside this file
     unit = "cm"                    # m, cm, mm, inch, cmu, or metres a unit as a number
     drop_first = 5                 # frames to drop at the head
     drop_last = 0                  # and at the tail
@@ -46,6 +48,8 @@ class Settings(BaseModel):
     Attributes:
         rate: frames a second [Hz].
         unit: a name of `UNITS`, or metres in a unit [m].
+        up: the axis that points up in the file, y or z.
+        skeleton_map: a TOML file that says which joints are which bones.
         drop_first: frames to drop at the head.
         drop_last: frames to drop at the tail.
         ignore_dofs: shell patterns of joint angles to set to zero.
@@ -59,6 +63,8 @@ class Settings(BaseModel):
 
     rate: _Positive | None = None
     unit: Literal["m", "cm", "mm", "inch", "cmu"] | _Positive | None = None
+    up: Literal["y", "z"] | None = None
+    skeleton_map: Path | None = None
     drop_first: _Count | None = None
     drop_last: _Count | None = None
     ignore_dofs: tuple[str, ...] | None = None
@@ -121,7 +127,8 @@ class Overrides(BaseModel):
             MotionError: the file cannot be read or has an entry that is not understood.
         """
         try:
-            return cls.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+            document = tomllib.loads(path.read_text(encoding="utf-8"))
+            return cls.model_validate(document)._beside(path.parent)
         except OSError as error:
             reason = (error.strerror or str(error)).lower()
             raise MotionError(f"cannot read overrides file {path}: {reason}") from error
@@ -131,6 +138,16 @@ class Overrides(BaseModel):
             first = error.errors(include_url=False)[0]
             place = ".".join(str(part) for part in first["loc"])
             raise MotionError(f"{path}: {place}: {first['msg']}; correct this entry") from error
+
+    def _beside(self, folder: Path) -> Self:
+        """The same rules with the paths of skeleton maps counted from a folder."""
+        rules = [
+            rule
+            if rule.skeleton_map is None
+            else rule.model_copy(update={"skeleton_map": folder / rule.skeleton_map})
+            for rule in self.file
+        ]
+        return self.model_copy(update={"file": tuple(rules)})
 
     def settings(self, path: Path) -> Settings:
         """What is laid down for one file."""

@@ -13,11 +13,12 @@ from typing import Final
 
 from localreg.errors import LocalregError, MotionError
 from localreg.motion.formats import ReadOptions, read_motion, readable_suffixes
+from localreg.motion.formats.asf import skeleton_of
 from localreg.motion.formats.registry import rate_rule
 from localreg.motion.formats.sample import read_sample
 from localreg.motion.ids import normal_subject, normal_trial
 from localreg.motion.index import activity_of
-from localreg.motion.motion import Motion, Provenance
+from localreg.motion.motion import Motion
 from localreg.motion.overrides import Overrides, Settings
 
 SAMPLE: Final = "sample"
@@ -29,7 +30,7 @@ Progress = Callable[[int, int, str], None]
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """What became of one file, or of one clip of the sample set.
+    """What became of one file, of one clip of the sample set, or of files that are no motions.
 
     Attributes:
         source: the file.
@@ -43,6 +44,10 @@ class Entry:
         trial: id of the recording; empty if unknown.
         activity: what is done; empty if unknown.
         notes: what the reader had to assume or mend.
+        skeleton: whose joints the file has, if they are not our bones to the letter.
+        joint_error: for such a file, the mean distance between its joints and ours [m].
+        joint_errors: the same by the bone of ours that begins at the joint [m].
+        is_motion: whether it is a motion file at all, used or not.
     """
 
     source: str
@@ -56,13 +61,23 @@ class Entry:
     trial: str = ""
     activity: str = ""
     notes: tuple[str, ...] = ()
+    skeleton: str = ""
+    joint_error: float | None = None
+    joint_errors: tuple[tuple[str, float], ...] = ()
+    is_motion: bool = True
 
 
 @dataclass
 class Report:
-    """The table of what was read, one entry a clip or a skipped file."""
+    """The table of what was read, one entry a clip or a skipped file.
+
+    Attributes:
+        entries: of motion files, in the order in which they were read.
+        others: of files in the sources' folders that are no motions.
+    """
 
     entries: list[Entry] = field(default_factory=list)
+    others: list[Entry] = field(default_factory=list)
 
     @property
     def used(self) -> list[Entry]:
@@ -100,6 +115,7 @@ def read_sources(
     *,
     source_rate: float | None = None,
     overrides: Overrides | None = None,
+    skeleton_map: Path | None = None,
     progress: Progress | None = None,
 ) -> tuple[list[Motion], Report]:
     """All motions of some sources, and the report on them.
@@ -108,6 +124,7 @@ def read_sources(
         sources: each `"sample"`, a file, or a folder; what occurs twice is read once.
         source_rate: rate of files that carry none [Hz]; 120 by default.
         overrides: what is laid down for some files.
+        skeleton_map: says which joints are which bones, where it fits a file.
         progress: is told before every file and at the end.
 
     Raises:
@@ -116,9 +133,13 @@ def read_sources(
     """
     motions, report = [], Report()
     for motion, entry in iterate_sources(
-        sources, source_rate=source_rate, overrides=overrides, progress=progress
+        sources,
+        source_rate=source_rate,
+        overrides=overrides,
+        skeleton_map=skeleton_map,
+        progress=progress,
     ):
-        report.entries.append(entry)
+        (report.entries if entry.is_motion else report.others).append(entry)
         if motion is not None:
             motions.append(motion)
     if not motions:
@@ -135,6 +156,7 @@ def iterate_sources(
     *,
     source_rate: float | None = None,
     overrides: Overrides | None = None,
+    skeleton_map: Path | None = None,
     progress: Progress | None = None,
 ) -> Iterator[tuple[Motion | None, Entry]]:
     """One after another the motions of some sources, each with its entry for the report.
@@ -155,9 +177,11 @@ def iterate_sources(
         done += 1
     for file in files:
         tell(done, total, str(file.path))
-        yield from _read_file(file, source_rate, overrides or Overrides())
+        yield from _read_file(file, source_rate, overrides or Overrides(), skeleton_map)
         done += 1
     tell(done, total, "")
+    for entry in _others(sources, [file.path for file in files]):
+        yield None, entry
 
 
 def _find_files(sources: Iterable[str | Path]) -> list[_File]:
@@ -204,14 +228,23 @@ def _name_files(files: list[_File], taken: set[str]) -> list[_File]:
 
 
 def _read_file(
-    file: _File, source_rate: float | None, overrides: Overrides
+    file: _File,
+    source_rate: float | None,
+    overrides: Overrides,
+    skeleton_map: Path | None = None,
 ) -> Iterator[tuple[Motion | None, Entry]]:
     settings = overrides.settings(file.path)
     source = str(file.path)
     if settings.skip is not None:
         yield None, Entry(source, skipped=f"override: {settings.skip or 'skip'}")
         return
-    options = ReadOptions(settings.rate, source_rate, settings.metres_per_unit)
+    options = ReadOptions(
+        settings.rate,
+        source_rate,
+        settings.metres_per_unit,
+        up=settings.up,
+        skeleton_map=settings.skeleton_map or skeleton_map,
+    )
     rule = rate_rule(file.path, options)
     try:
         motions = read_motion(file.path, options)
@@ -245,13 +278,12 @@ def _settle(motion: Motion, name: str, file: _File, settings: Settings) -> Motio
     activity = settings.activity
     if activity is None:
         activity = old.activity or activity_of(file.path, trial, file.root, motion.subject.name)
-    provenance = Provenance(
+    provenance = replace(
+        old,
         name=name,
         subject=old.subject if settings.subject is None else normal_subject(settings.subject),
         trial=trial,
         activity=activity,
-        source=old.source,
-        mirrored=old.mirrored,
         notes=tuple(notes),
     )
     return replace(motion, qpos=qpos, provenance=provenance)
@@ -270,4 +302,33 @@ def _entry(motion: Motion, rule: str) -> Entry:
         trial=made.trial,
         activity=made.activity,
         notes=made.notes,
+        skeleton=made.skeleton,
+        joint_error=made.joint_error,
+        joint_errors=made.joint_errors,
     )
+
+
+def _others(sources: Sequence[str | Path], motions: Sequence[Path]) -> Iterator[Entry]:
+    """Entries for the files in folders that hold no motion: skeletons, then kinds by ending."""
+    folders = [Path(source).expanduser() for source in sources if str(source) != SAMPLE]
+    found = {
+        path.resolve(): path
+        for folder in folders
+        if folder.is_dir()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and not _is_motion(path)
+    }
+    used = {asf.resolve() for path in motions if (asf := skeleton_of(path)) is not None}
+    kinds: dict[str, list[Path]] = {}
+    for resolved, path in found.items():
+        if path.suffix.lower() != ".asf":
+            kinds.setdefault(path.suffix.lower(), []).append(path)
+        elif resolved not in used:
+            yield Entry(str(path), skipped="a skeleton that no motion uses", is_motion=False)
+    if count := sum(resolved in used for resolved in found):
+        yield Entry(
+            f"{count} skeletons (.asf)", skipped="read with the motions of theirs", is_motion=False
+        )
+    for kind, paths in sorted(kinds.items()):
+        named = str(paths[0]) if len(paths) == 1 else f"{len(paths)} files, as {paths[0]}"
+        yield Entry(named, skipped=f"{kind or 'no ending'}: not a motion file", is_motion=False)

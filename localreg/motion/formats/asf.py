@@ -279,6 +279,16 @@ def find_asf(motion: Path) -> Path:
     )
 
 
+def skeleton_of(motion: Path) -> Path | None:
+    """The skeleton file that an AMC file is read with; None for other files, or if it lacks one."""
+    if motion.suffix.lower() != ".amc":
+        return None
+    try:
+        return find_asf(motion)
+    except MotionError:
+        return None
+
+
 def format_asf(subject: Subject) -> str:
     """A subject as the text of an ASF file, in CMU's units."""
     lines = [

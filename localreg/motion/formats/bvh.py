@@ -1,12 +1,14 @@
-"""Motions in BVH files on the canonical skeleton, named as in the BVH releases of CMU's set.
+"""Motions in BVH files: CMU's skeleton to the letter, any other by retargeting.
 
-All bones' rest frames are the root's, so a joint's rotation is the bone's own turn
+Files named as in the BVH releases of CMU's set, with its rest pose, are read joint by joint.
+There all bones' rest frames are the root's, so a joint's rotation is the bone's own turn
 R = C Rz Ry Rx C^T; joint angles are recovered from it, exactly where the bone's hinges
 can take it, and what they cannot is noted. Files that we write are y up, in centimetres,
 which most programs assume, with the channels of CMU's. BVH has no place for the axis
 frames C: reading back assumes the canonical skeleton's, which are those of CMU's files.
 """
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -17,20 +19,22 @@ from scipy.spatial.transform import Rotation
 
 from localreg.body.skeleton import BONE_NAMES, BONES, DOF_COUNT, default_offsets
 from localreg.body.subject import Subject, canonical_subject
+from localreg.motion.body_poses import body_points
 from localreg.motion.formats.axes import (
-    CMU_UNIT,
-    INCH,
     positions_from_y_up,
     positions_to_y_up,
     quaternions_from_y_up,
     rotations_to_y_up,
 )
 from localreg.motion.formats.bvh_file import BvhFile, Joint, read_bvh_file
+from localreg.motion.formats.bvh_joints import joint_motion, skeleton_tree
+from localreg.motion.formats.foreign import read_foreign
 from localreg.motion.formats.registry import ReadOptions
-from localreg.motion.formats.text import fault
 from localreg.motion.ids import normal_trial, subject_of_trial
 from localreg.motion.joint_angles import bone_rotations, continuous_zyx, joint_angles
+from localreg.motion.joint_motion import UNITS, nearest_unit
 from localreg.motion.motion import Motion, Provenance
+from localreg.motion.reference_pose import reference_frames
 
 _LEFT: Final = {
     "lhipjoint": "LHipJoint", "lfemur": "LeftUpLeg", "ltibia": "LeftLeg", "lfoot": "LeftFoot",
@@ -50,37 +54,48 @@ JOINT_NAMES: Final = {
 }  # fmt: skip
 """The joint that starts each bone."""
 
-_UNITS: Final = {"metres": 1.0, "CMU units": CMU_UNIT, "inches": INCH, "centimetres": 0.01,
-                 "millimetres": 0.001}  # fmt: skip
-_WRITTEN_UNIT: Final = _UNITS["centimetres"]
+_WRITTEN_UNIT: Final = UNITS["centimetres"]
 
 # CMU's BVH skeleton leaves these out: it gives them no length.
 _LEFT_OUT: Final = ("thorax", "lwrist", "rwrist")
 
 _LEG: Final = tuple(BONE_NAMES.index(name) for name in ("lfemur", "ltibia", "rfemur", "rtibia"))
+# Where these point tells the rest pose; people's differ by less than this.
+_LONG_BONES: Final = tuple(
+    (side + bone, side + child)
+    for side in "lr"
+    for bone, child in (("femur", "tibia"), ("tibia", "foot"), ("humerus", "radius"))
+)
+_SAME_DIRECTION: Final = np.cos(np.radians(17.0))
 _NOTED_RESIDUAL: Final = np.radians(0.05)
 _NOTED_SHIFT: Final = 1e-3
 
 
 def read(path: Path, options: ReadOptions) -> list[Motion]:
-    """Read a BVH file of the canonical skeleton.
+    """Read a BVH file of any body.
 
-    The unit is the one that makes the legs most like a person's, unless `options` says it.
-    The bones that CMU's BVH skeleton leaves out (thorax and wrists) take the canonical
-    skeleton's proportions. Joint angles stand for the joints' rotations; what the bones'
-    hinges cannot take is lost and noted.
+    CMU's skeleton is read to the letter: the bones that it leaves out (thorax and wrists)
+    take the canonical skeleton's proportions, joint angles stand for the joints' rotations,
+    and what the bones' hinges cannot take is lost and noted. Other skeletons are
+    retargeted. The unit is the one that makes the legs most like a person's, unless
+    `options` says it.
 
     Raises:
-        MotionError: the file is faulty or has another skeleton; names the line.
+        MotionError: the file is faulty, or its joints are no body's; names the line.
     """
     file = read_bvh_file(path, options.rate)
-    joints = _recognise(file)
+    joints = _recognise(file) if options.up in (None, "y") else None
+    if joints is None:
+        tree = skeleton_tree(file)
+        return [read_foreign(path, options, tree, lambda wanted: joint_motion(file, tree, wanted))]
     notes = list(file.notes)
     offsets = _offsets(joints, notes)
     _note_moving_starts(file, notes)
     unit = options.metres_per_unit
     if unit is None:
-        name, unit = _guess_unit(offsets)
+        legs = np.sum(np.linalg.norm(offsets[list(_LEG)], axis=1))
+        usual = np.sum(np.linalg.norm(default_offsets()[list(_LEG)], axis=1))
+        name, unit = nearest_unit(float(legs), float(usual))
         notes.append(f"lengths taken as {name}")
     trial = normal_trial(path.stem)
     if options.subject is None:
@@ -99,14 +114,22 @@ def read(path: Path, options: ReadOptions) -> list[Motion]:
     qpos[:, :3] = positions_from_y_up(file.positions(root) * unit)
     qpos[:, 3:7] = quaternions_from_y_up(Rotation.from_matrix(file.rotations(root)))
     qpos[:, 7:] = angles
+    points, _ = body_points(qpos, subject)
+    errors = _joint_errors(file, joints, subject, points, unit) if options.subject is None else ()
+    turn = float(np.abs((angles[0] + np.pi) % (2.0 * np.pi) - np.pi).max())
+    skipped = reference_frames(turn, points)
+    if skipped:
+        notes.append(f"dropped a reference pose at the head, {skipped} frames with its blend")
     provenance = Provenance(
         name=trial,
         subject=subject_of_trial(path.stem),
         trial=trial,
         source=str(path),
         notes=tuple(notes),
+        skeleton="CMU",
+        joint_errors=errors,
     )
-    return [Motion(qpos, file.rate, subject, provenance)]
+    return [Motion(qpos[skipped:], file.rate, subject, provenance)]
 
 
 def write(motion: Motion, path: Path) -> None:
@@ -156,38 +179,22 @@ def row(root: Float[ndarray, "3"], angles: Float[ndarray, "31 3"]) -> str:
     return " ".join(["%.6f"] * len(values)) % tuple(values)
 
 
-def _recognise(file: BvhFile) -> dict[str, Joint]:
-    """The joint that starts each bone, and the root's; every joint must be one of them."""
+def _recognise(file: BvhFile) -> dict[str, Joint] | None:
+    """The joint that starts each bone, and the root's; None for any other skeleton."""
     bones = {name: bone for bone, name in JOINT_NAMES.items()}
-    strange = [joint for joint in file.joints if joint.name not in bones]
-    if strange:
-        names = ", ".join(joint.name for joint in strange)
-        raise fault(
-            file.path,
-            strange[0].line,
-            f"joints not recognised: {names}; only the skeleton of CMU's BVH files (Hips, "
-            "LHipJoint, LeftUpLeg, ...) can be read without retargeting",
-        )
-    joints: dict[str, Joint] = {}
-    for joint in file.joints:
-        bone = bones[joint.name]
-        if bone in joints:
-            raise fault(file.path, joint.line, f"joint {joint.name} occurs twice; rename one")
-        joints[bone] = joint
-    root_line = file.joints[0].line
+    joints = {bones[joint.name]: joint for joint in file.joints if joint.name in bones}
+    if not len(joints) == len(bones) == len(file.joints):
+        return None
     for bone in BONES:
-        if bone.name not in joints:
-            missing = JOINT_NAMES[bone.name]
-            raise fault(file.path, root_line, f"joint {missing} is missing; retarget this file")
         joint = joints[bone.name]
-        parent = file.joints[joint.parent].name
-        if parent != JOINT_NAMES[bone.parent]:
-            raise fault(
-                file.path,
-                joint.line,
-                f"joint {joint.name} hangs on {parent}, in CMU's skeleton on "
-                f"{JOINT_NAMES[bone.parent]}; other skeletons must be retargeted",
-            )
+        if joint.parent < 0 or file.joints[joint.parent].name != JOINT_NAMES[bone.parent]:
+            return None
+    canonical = default_offsets()
+    for bone, child in _LONG_BONES:
+        ours, theirs = canonical[BONE_NAMES.index(bone)], joints[child].offset
+        size = float(np.linalg.norm(ours) * np.linalg.norm(theirs))
+        if ours @ theirs < _SAME_DIRECTION * size:
+            return None  # the names are CMU's, the rest pose is not: joint angles differ
     return joints
 
 
@@ -226,14 +233,6 @@ def _note_moving_starts(file: BvhFile, notes: list[str]) -> None:
         notes.append(f"position channels left out, bones keep their length: {', '.join(moving)}")
 
 
-def _guess_unit(offsets: Float[ndarray, "30 3"]) -> tuple[str, float]:
-    """The unit that makes the legs most like the canonical skeleton's, and its name."""
-    length = np.sum(np.linalg.norm(offsets[list(_LEG)], axis=1))
-    usual = np.sum(np.linalg.norm(default_offsets()[list(_LEG)], axis=1))
-    ratio = max(float(length / usual), 1e-12)
-    return min(_UNITS.items(), key=lambda item: abs(np.log(ratio * item[1])))
-
-
 def _subject(name: str, offsets: Float[ndarray, "30 3"], notes: list[str]) -> Subject:
     """The subject of these bones [m], completed where the file has none."""
     canonical = default_offsets()
@@ -249,6 +248,34 @@ def _subject(name: str, offsets: Float[ndarray, "30 3"], notes: list[str]) -> Su
         names = ", ".join(np.array(BONE_NAMES)[missing].tolist())
         notes.append(f"bones that the file leaves out take usual proportions: {names}")
     return Subject.from_offsets(name, offsets, canonical_subject().axis_frames)
+
+
+def _joint_errors(
+    file: BvhFile,
+    joints: dict[str, Joint],
+    subject: Subject,
+    points: Float[ndarray, "frames 31 3"],
+    unit: float,
+) -> tuple[tuple[str, float], ...]:
+    """Mean distances between the file's joints and ours, by our bone that begins there [m].
+
+    The bones that the file leaves out are put back into it first: what is measured is how
+    the joints move, not how long a bone is that the file does not have.
+    """
+    mended = list(file.joints)
+    joint_names = [joint.name for joint in mended]
+    for bone in BONES:
+        if bone.parent in _LEFT_OUT:
+            joint, offset = joints[bone.name], subject.offsets[BONE_NAMES.index(bone.parent)]
+            mended[joint_names.index(joint.name)] = replace(joint, offset=offset / unit)
+    whole = replace(file, joints=tuple(mended))
+    tree = skeleton_tree(whole)
+    order = [tree.names.index(JOINT_NAMES[bone]) for bone in ("root", *BONE_NAMES)]
+    theirs = positions_from_y_up(
+        (joint_motion(whole, tree, order).positions * unit).reshape(-1, 3)
+    ).reshape(points.shape)
+    distances = np.mean(np.linalg.norm(points - theirs, axis=2), axis=0)
+    return tuple(zip(("root", *BONE_NAMES), distances.tolist(), strict=True))
 
 
 def _depth_first(bone: str) -> list[str]:
