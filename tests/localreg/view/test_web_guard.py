@@ -19,6 +19,7 @@ from localreg.body.subject import canonical_subject
 from localreg.errors import LocalregError
 from localreg.view.process import ViewProcess
 from localreg.view.web_guard import Guard, bind, guarded
+from tests.localreg.view.sockets import listening
 
 PATIENCE = 30.0
 EVERYWHERE = "0.0.0.0"  # noqa: S104  (its guard is tested; nothing is served)
@@ -73,27 +74,6 @@ def until_closed(connection: ClientConnection) -> str:
             connection.recv(PATIENCE)
     except ConnectionClosed as closed:
         return str(closed)
-
-
-def listening(pid: int | str) -> set[tuple[str, int]]:
-    """Address and port of every TCP socket on which a process listens, and of bound UDP ones."""
-    inodes = set()
-    for entry in Path(f"/proc/{pid}/fd").iterdir():
-        with contextlib.suppress(OSError):
-            target = str(entry.readlink())
-            if target.startswith("socket:["):
-                inodes.add(target[8:-1])
-    found = set()
-    for table, listens in (("tcp", "0A"), ("tcp6", "0A"), ("udp", "07"), ("udp6", "07")):
-        for line in Path(f"/proc/{pid}/net/{table}").read_text().splitlines()[1:]:
-            cells = line.split()
-            if cells[9] in inodes and cells[3] == listens:
-                address, _, port = cells[1].partition(":")
-                raw = bytes.fromhex(address)
-                words = [raw[i : i + 4][::-1] for i in range(0, len(raw), 4)]
-                family = socket.AF_INET if len(raw) == 4 else socket.AF_INET6
-                found.add((socket.inet_ntop(family, b"".join(words)), int(port, 16)))
-    return found
 
 
 def test_by_default_nothing_listens_beyond_loopback(page: Page):
