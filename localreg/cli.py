@@ -36,12 +36,18 @@ BUILT_IN: Final = {
     "demo": Command(
         "localreg.commands.demo:demo", "Play real walks through a serial line and synthesize them."
     ),
-    "data": Command("localreg.commands.data:app", "Motions to learn from: what there is."),
+    "data": Command("localreg.commands.data:app", "Motions to learn from: list, fetch more."),
     "db": Command("localreg.commands.db:app", "Build a pose database, or look at one."),
     "run": Command(
         "localreg.commands.run:app", "Turn live trackers into motion and send it out, for hours."
     ),
     "synthesize": Command("localreg.commands.synthesize:app", "Turn trackers into a motion file."),
+    "convert": Command(
+        "localreg.commands.convert:app", "Turn motion files into other kinds, and clean them."
+    ),
+    "view": Command(
+        "localreg.commands.view:app", "See a motion: window, browser, picture or video."
+    ),
     "evaluate": Command(
         "localreg.commands.evaluate:app", "Measure how well motion is synthesized."
     ),

@@ -187,6 +187,7 @@ class SolidCanvas(Canvas):
         # The model's buffer is what the scene allows at most; take only what is needed.
         scene.model.vis.global_.offwidth = width
         scene.model.vis.global_.offheight = height
+        scene.model.vis.quality.shadowsize = _shadow_size(height)
         self._context = import_module(f"mujoco.{backend}").GLContext(width, height)
         self._context.make_current()
         self._render = mujoco.MjrContext(scene.model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
@@ -260,6 +261,11 @@ def working_backend(wanted: str = "") -> str:
         if loaded in ("", backend) and _works(backend):
             return backend
     return ""
+
+
+def _shadow_size(height: int) -> int:
+    """Of the shadow map: no finer than is seen, for without graphics hardware it is costly."""
+    return int(np.clip(2 ** np.ceil(np.log2(2 * height)), 256, 4096))
 
 
 def _works(backend: str) -> bool:

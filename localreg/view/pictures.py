@@ -23,10 +23,11 @@ from localreg.drawing.looks import show_look
 from localreg.drawing.offscreen import Camera, Drawing, open_canvas
 from localreg.drawing.scene import BLUE, Color
 from localreg.errors import LocalregError
+from localreg.motion.formats.atomic import written_at_once
 from localreg.view.cameras import Preset, followed, look_from
 from localreg.view.footage import Footage, Reel
 from localreg.view.labels import write_names
-from localreg.view.moment import Moment
+from localreg.view.moment import TRAIL_SECONDS, Moment
 from localreg.view.scene import Style, build_stage, draw, marks
 
 MOST_VIDEO_RATE: Final = 40.0
@@ -180,20 +181,16 @@ def write_video(studio: Studio, path: Path, rate: float, progress: Progress | No
         LocalregError: it cannot be written.
     """
     times = video_times(studio.seconds, rate)
-    part = path.with_name(path.name + ".part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with _encoder(part, studio.shot, rate) as encode:
+        with written_at_once(path) as part, _encoder(part, studio.shot, rate) as encode:
             for done, time in enumerate(times):
                 if progress is not None:
                     progress(done, len(times), "")
                 encode(studio.picture(float(time)))
-        part.replace(path)
     except (OSError, FFmpegError) as error:
-        reason = getattr(error, "strerror", None) or error
+        reason = (getattr(error, "strerror", None) or str(error)).lower()
         raise LocalregError(f"cannot write {path}: {reason}; choose another place") from error
-    finally:
-        part.unlink(missing_ok=True)
     return len(times)
 
 
@@ -221,7 +218,7 @@ class _View:
     def __init__(self, feature: Feature, width: int, shot: Shot) -> None:
         footage = feature.footage
         self._shot, self._feature = shot, feature
-        self._reel = Reel(footage)
+        self._reel = Reel(footage, TRAIL_SECONDS if shot.style.trails else 0.0)
         ghost = None if footage.ghost is None else footage.ghost.subject
         self._stage = build_stage(footage.motion.subject, ghost, color=feature.color)
         self._canvas = open_canvas(self._stage.scene, width, shot.height)

@@ -15,7 +15,8 @@ class Playhead:
     Attributes:
         frames: how many there are; at least one.
         rate: frames a second [Hz].
-        time: since the first frame, from 0 to `seconds` [s].
+        time: since the first frame, from 0 to `seconds`, or in a loop up to a period more, for
+            the last frame, too, is seen for a while [s].
         is_playing: whether it goes on by itself.
         speed: 1 for as it was.
         is_looping: whether it begins anew at its end.
@@ -63,7 +64,7 @@ class Playhead:
             return self
         time = self.time + elapsed * self.speed
         if self.is_looping:
-            return replace(self, time=min(time % (self.seconds + self.period), self.seconds))
+            return replace(self, time=time % (self.seconds + self.period))
         if time >= self.seconds:
             return replace(self, time=self.seconds, is_playing=False)
         return replace(self, time=time)
@@ -131,7 +132,7 @@ class Deck:
     @property
     def time(self) -> float:
         """Where it stands [s]."""
-        return self.playhead.time
+        return min(self.playhead.time, self.playhead.seconds)
 
     @time.setter
     def time(self, time: float) -> None:
