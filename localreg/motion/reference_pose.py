@@ -29,5 +29,5 @@ def reference_frames(turn: float, places: Float[ndarray, "frames joints 3"]) -> 
     steps = np.linalg.norm(np.diff(places - places[:, :1], axis=0), axis=2).max(axis=1)
     if steps[0] <= _LEAP * steps[_LONGEST:].max():
         return 0
-    usual = float(np.median(steps[_LONGEST : _LONGEST + _AFTER]))
+    usual = float(np.mean(steps[_LONGEST : _LONGEST + _AFTER]))
     return int(np.flatnonzero(steps[:_LONGEST] > _BLEND * usual)[-1]) + 1

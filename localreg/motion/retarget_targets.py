@@ -45,6 +45,7 @@ _NO_LENGTH: Final = 0.004
 # Share of the axis that a straight limb is given in one that is bent at a right angle.
 _PRIOR_AXIS: Final = 0.1
 _UPRIGHT: Final = np.cos(np.radians(40.0))
+_SAME_FOOT: Final = np.cos(np.radians(50.0))
 _SNAP: Final = np.cos(np.radians(25.0))
 
 # Trust in orientations [1/rad]: the joint's own, one that a bone only inherits, and a bone's
@@ -288,6 +289,8 @@ class _Work:
             self.turns[bone] = parent if along is None else _turn_onto(parent, direction, along)
             return
         own = turns[:, self.starts[bone]]
+        if bone[1:] in ("foot", "toes") and self.frames_of_rest is not None and vector is not None:
+            self._keep_rest(bone, own, vector)
         turn = self._carry_over(bone, own)
         thumb = bone[0] + "thumb"
         if bone[1:] == "hand" and thumb in self.starts and vector is not None:
@@ -297,6 +300,20 @@ class _Work:
                 ours = self.directions[_INDEX[thumb]]
                 turn = _frame_about(there, out) @ _frame_about(direction, ours).T
         self.turns[bone] = own @ turn
+
+    def _keep_rest(
+        self, bone: str, own: Float[ndarray, "frames 3 3"], vector: Float[ndarray, "frames 3"]
+    ) -> None:
+        """Let a foot rest as in the file: people stand on theirs in all rest poses."""
+        before = self._turned_parent(bone)
+        turns = self.motion.rotations
+        if turns is None or before not in self.starts:
+            return
+        parent = np.swapaxes(turns[:, self.starts[before]], 1, 2) @ self._parent_turn(bone)
+        there = _unit(np.mean(_back(own, _units(vector)), axis=0))
+        rest = there @ _mean_turn(parent)
+        if rest @ self.directions[_INDEX[bone]] > _SAME_FOOT:
+            self.directions[_INDEX[bone]] = rest
 
     def _thumb_end(self, thumb: str) -> Float[ndarray, "frames 3"]:
         return self._point("end:" + thumb) if thumb in self.ends else self._start(thumb)

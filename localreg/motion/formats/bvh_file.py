@@ -5,6 +5,7 @@ of its rotation channels in their order, for example R = Rz Ry Rx.
 """
 
 import re
+from collections import deque
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
@@ -28,6 +29,10 @@ from localreg.motion.joint_angles import axis_rotations
 _CHANNELS: Final = {
     f"{axis}{kind}": (kind, axis) for axis in "xyz" for kind in ("position", "rotation")
 }
+_MOST_CHANNELS: Final = 6
+LARGEST_TREE: Final = 2000
+"""Joints of the largest skeleton that is read; rigs with faces and clothes have hundreds."""
+
 _FRAMES: Final = re.compile(rb"frames\s*:?\s*(\S+)", re.IGNORECASE)
 _FRAME_TIME: Final = re.compile(rb"frame\s*time\s*:?\s*(\S+)", re.IGNORECASE)
 
@@ -128,7 +133,7 @@ class _TreeReader:
 
     def __init__(self, path: Path, lines: list[bytes]) -> None:
         self.path, self.lines, self.line = path, lines, 0
-        self.words: list[bytes] = []
+        self.words: deque[bytes] = deque()
 
     def read(self) -> list[Joint]:
         self.expect(b"HIERARCHY")
@@ -143,6 +148,8 @@ class _TreeReader:
             if key in (b"ROOT", b"JOINT"):
                 if (key == b"ROOT") != (not open_joints) or (key == b"ROOT" and joints):
                     raise self.fault(f"{show(word)} is out of place; there is one ROOT, at the top")
+                if len(joints) == LARGEST_TREE:
+                    raise self.fault(f"more than {LARGEST_TREE} joints; this is no body's file")
                 joint = Joint(self.name(), open_joints[-1] if open_joints else -1, self.line)
                 self.expect(b"{")
                 open_joints.append(len(joints))
@@ -178,9 +185,10 @@ class _TreeReader:
         while not self.words:
             if self.line == len(self.lines):
                 raise self.fault("the file ends inside the hierarchy; download it again")
-            self.words = self.lines[self.line].replace(b"{", b" { ").replace(b"}", b" } ").split()
+            line = self.lines[self.line].replace(b"{", b" { ").replace(b"}", b" } ")
+            self.words = deque(line.split())
             self.line += 1
-        return self.words.pop(0)
+        return self.words.popleft()
 
     def expect(self, wanted: bytes) -> None:
         word = self.next()
@@ -190,7 +198,7 @@ class _TreeReader:
     def name(self) -> str:
         words = []
         while self.words and self.words[0] != b"{":
-            words.append(self.words.pop(0))
+            words.append(self.words.popleft())
         if not words:
             raise self.fault("a joint without a name; give it one")
         return b" ".join(words).decode("utf-8", errors="replace")
@@ -214,7 +222,9 @@ class _TreeReader:
         for _ in range(count):
             word = self.next()
             name = word.decode("utf-8", errors="replace").lower()
-            if name not in _CHANNELS or name in names:
+            # Orders such as z x z name a turn twice, but never twice in a row.
+            again = name in names and (name.endswith("position") or name == names[-1])
+            if name not in _CHANNELS or again or len(names) == _MOST_CHANNELS:
                 raise self.fault(
                     f"channel {show(word)} is unknown or given twice; there are Xposition, "
                     "Yposition, Zposition, Xrotation, Yrotation, Zrotation"
@@ -267,7 +277,7 @@ def _table(
     path: Path, lines: list[bytes], start: int, columns: int, notes: list[str]
 ) -> Float[ndarray, "frames channels"]:
     """The values of all frames, one line a frame."""
-    rows: list[list[float]] = []
+    rows: list[ndarray] = []
     last = max(index for index, line in enumerate(lines) if line)
     for index in range(start, len(lines)):
         words = lines[index].split()
@@ -283,7 +293,7 @@ def _table(
                     path, index + 1, f"{show(bad)} is not a number; correct it or cut the frame"
                 ) from None
         if len(row) == columns:
-            rows.append(row)
+            rows.append(np.array(row))
         elif index == last and len(row) < columns:
             notes.append(f"frame {len(rows) + 1} is cut short and was dropped")
         else:

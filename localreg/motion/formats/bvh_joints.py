@@ -1,11 +1,17 @@
 """World places and turns of the joints of any BVH file."""
 
+from typing import Final
+
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
 from localreg.motion.formats.bvh_file import BvhFile
+from localreg.motion.formats.text import fault
 from localreg.motion.joint_motion import JointMotion, SkeletonTree
+
+# Frames times joints, of 96 bytes each: an hour of a usual skeleton at 240 Hz.
+_MOST_PLACES: Final = 40_000_000
 
 
 def skeleton_tree(file: BvhFile) -> SkeletonTree:
@@ -36,9 +42,20 @@ def joint_motion(file: BvhFile, tree: SkeletonTree, wanted: list[int]) -> JointM
         file: the file.
         tree: all its joints, as `skeleton_tree` makes it.
         wanted: the joints to tell of.
+
+    Raises:
+        MotionError: there are more frames and joints than memory is meant for.
     """
+    needed = _with_ancestors(tree, wanted)
+    if len(file.values) * len(needed) > _MOST_PLACES:
+        raise fault(
+            file.path,
+            1,
+            f"{len(file.values)} frames of {len(needed)} joints are too many for one reading; "
+            "cut the file into takes",
+        )
     places: dict[int, tuple[ndarray, ndarray]] = {}
-    for joint in _with_ancestors(tree, wanted):
+    for joint in needed:
         places[joint] = _place(file, tree, joint, places)
     return JointMotion(
         tree.part(wanted),

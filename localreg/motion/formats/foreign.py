@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Final
 
 from localreg.errors import MotionError
 from localreg.motion.formats.registry import ReadOptions
@@ -11,9 +10,6 @@ from localreg.motion.joint_motion import JointMotion, SkeletonTree
 from localreg.motion.motion import Motion, Provenance
 from localreg.motion.retarget import map_joints, retarget
 from localreg.motion.skeleton_maps import SkeletonMap
-
-LARGEST_TREE: Final = 2000
-"""Joints of the largest skeleton that is read; rigs with faces and clothes have hundreds."""
 
 
 def read_foreign(

@@ -8,14 +8,20 @@ from localreg.errors import MotionError
 LARGEST: Final = 1e9
 """No length or angle of a motion is larger, in any unit; what is would only overflow."""
 
+LARGEST_FILE: Final = 2**30
+"""Bytes of the largest file that is read: hours of text, which takes some times its size."""
+
 
 def read_bytes(path: Path) -> bytes:
     """The bytes of a file.
 
     Raises:
-        MotionError: the file cannot be read.
+        MotionError: the file cannot be read, or is too large to be read at once.
     """
     try:
+        size = path.stat().st_size
+        if size > LARGEST_FILE:
+            raise MotionError(f"{path} has {size / 2**30:.1f} GiB, more than 1; cut it into takes")
         return path.read_bytes()
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
