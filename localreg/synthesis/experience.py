@@ -5,8 +5,8 @@ from one clip agree with each other and not with the stranger. So poses of the d
 predicted as if their clip, with all its copies, were missing. Of these predictions are
 learned, once for an estimator:
 
-* the ridge of every output: what the trackers fix needs little, a foot beyond the last
-  tracker leans on the mean of its neighbours;
+* how much of what is predicted to believe, for every output: of what the trackers fix all,
+  while a foot beyond the last tracker leans on the mean of its neighbours;
 * how errors, with all their correlations, grow with the distance of the neighbours, which
   is what makes a prior modest on unfamiliar motion and firm on familiar one;
 * how far reconstructed joint angles are off once the trackers have been heard, which is the
@@ -29,12 +29,6 @@ from localreg.synthesis.local_fit import LocalFit, kernel_weights, within_reach
 from localreg.synthesis.settings import Settings
 from localreg.synthesis.windows import Inputs, Steps, pose_inputs, step_inputs, steps
 
-POSE_RIDGES: Final = np.array([1.0, 10.0, 100.0])
-"""Ridges that outputs of the pose regression choose from."""
-
-STEP_RIDGES: Final = np.array([1.0, 30.0, 1000.0])
-"""Ridges that outputs of the step regression choose from."""
-
 NEAR: Final = 0.1
 """The neighbour at this share of K tells how far the neighbours are."""
 
@@ -47,6 +41,30 @@ _STILL: Final = np.radians(0.2)  # angles expected to err less say nothing of ca
 _LEAST_NOISE: Final = np.radians(0.5)
 
 
+class Outcome(NamedTuple):
+    """What one regression has said of Q poses.
+
+    Attributes:
+        wanted: the truth's deviation from the mean of the neighbours.
+        predicted: the regression's.
+    """
+
+    wanted: Float[ndarray, "Q d"]
+    predicted: Float[ndarray, "Q d"]
+
+    def errors(self, share: Float[ndarray, " d"]) -> Float[ndarray, "Q d"]:
+        """What is left where a share of the predicted deviation is believed."""
+        return self.wanted - share * self.predicted
+
+    def best_share(self, familiar: Float[ndarray, " Q"]) -> Float[ndarray, " d"]:
+        """The share of least weighted squared error, for every output; 0 to 1."""
+        weighted = familiar[:, None] * self.predicted
+        squares = (weighted * self.predicted).sum(axis=0)
+        with np.errstate(invalid="ignore"):
+            share = (weighted * self.wanted).sum(axis=0) / squares
+        return np.where(squares > 0.0, np.clip(share, 0.0, 1.0), 1.0)
+
+
 class Rehearsal(NamedTuple):
     """Predictions of database poses without their own clip, Q of them.
 
@@ -54,8 +72,8 @@ class Rehearsal(NamedTuple):
         squared_distance: of the neighbour at `NEAR`.
         feature_share: squared distance of that neighbour along each feature column.
         history_share: the same along each lag of the past.
-        pose_errors: with each ridge of `POSE_RIDGES` [rad].
-        step_errors: with each ridge of `STEP_RIDGES`.
+        pose: the poses' predictions [rad].
+        step: the steps' predictions.
         pose_known: variances that the pose regression itself gave its errors; zero where
             it was not asked [rad^2].
     """
@@ -63,8 +81,8 @@ class Rehearsal(NamedTuple):
     squared_distance: Float[ndarray, " Q"]
     feature_share: Float[ndarray, "Q f"]
     history_share: Float[ndarray, "Q m"]
-    pose_errors: Float[ndarray, "Q r 56"]
-    step_errors: Float[ndarray, "Q s 62"]
+    pose: Outcome
+    step: Outcome
     pose_known: Float[ndarray, "Q 56"]
 
 
@@ -76,8 +94,8 @@ class Experience:
         pose: inputs of the pose regression.
         step: inputs of the step regression.
         steps: the step into every pose.
-        pose_ridge: which of `POSE_RIDGES` each joint angle takes.
-        step_ridge: which of `STEP_RIDGES` each tangent coordinate takes.
+        pose_share: how much of each joint angle's predicted deviation is believed.
+        step_share: the same of each tangent coordinate of the step.
         pose_growth: covariance of the pose's errors per squared distance [rad^2].
         step_growth: covariance of the step's errors per squared distance; root translation
             in the root's axes.
@@ -91,8 +109,8 @@ class Experience:
     pose: Inputs
     step: Inputs
     steps: Steps
-    pose_ridge: Int[ndarray, "56"]
-    step_ridge: Int[ndarray, "62"]
+    pose_share: Float[ndarray, "56"]
+    step_share: Float[ndarray, "62"]
     pose_growth: Float[ndarray, "56 56"]
     step_growth: Float[ndarray, "62 62"]
     caution: float
@@ -126,29 +144,28 @@ def learn(
     )
     angle_noise = np.full(DOF_COUNT, settings.history_noise)
     rows = _spread(source, settings.rehearsals)
-    ridge = None
+    share = np.ones(DOF_COUNT)
     for look in (rows[:: max(1, len(rows) // _FIRST_LOOK)], rows):
         noise = np.concatenate([np.tile(angle_noise, settings.history), feature_noise])
         pose = pose_inputs(
             database, source.features, targets, settings.history, noise, settings.components
         )
-        found = _rehearse(source, settings, look, angle_noise, pose, step, transitions, ridge)
+        found = _rehearse(source, settings, look, angle_noise, pose, step, transitions, share)
         familiar = 1.0 / np.maximum(found.squared_distance, _NEAREST)
-        pose_ridge = _best_ridge(found.pose_errors, familiar)
-        pose_errors = found.pose_errors[:, pose_ridge, np.arange(DOF_COUNT)]
+        share = found.pose.best_share(familiar)
+        pose_errors = found.pose.errors(share)
         if look is not rows:
             spread = pose_errors.T @ pose_errors / len(pose_errors)
             angle_noise = _heard(spread, chain, source, look, settings)
-        ridge = pose_ridge
-    step_ridge = _best_ridge(found.step_errors, familiar)
     growth = (pose_errors * familiar[:, None]).T @ pose_errors / len(pose_errors)
-    step_errors = found.step_errors[:, step_ridge, np.arange(TANGENT_SIZE)]
+    step_share = found.step.best_share(familiar)
+    step_errors = found.step.errors(step_share)
     return Experience(
         pose=pose,
         step=step,
         steps=transitions,
-        pose_ridge=pose_ridge,
-        step_ridge=step_ridge,
+        pose_share=share,
+        step_share=step_share,
         pose_growth=growth,
         step_growth=(step_errors * familiar[:, None]).T @ step_errors / len(step_errors),
         caution=_caution(pose_errors, found, growth),
@@ -181,13 +198,6 @@ def _spread(source: ExampleSource, count: int) -> Int[ndarray, " Q"]:
     return rows[np.unique(np.linspace(0, len(rows) - 1, count).astype(int))]
 
 
-def _best_ridge(
-    errors: Float[ndarray, "Q r d"], familiar: Float[ndarray, " Q"]
-) -> Int[ndarray, " d"]:
-    """The ridge of least weighted squared error, for every output."""
-    return np.argmin(np.einsum("q,qrd->rd", familiar, np.square(errors)), axis=0)
-
-
 def _rehearse(
     source: ExampleSource,
     settings: Settings,
@@ -196,7 +206,7 @@ def _rehearse(
     pose: Inputs,
     step: Inputs,
     transitions: Steps,
-    ridge: Int[ndarray, "56"] | None,
+    share: Float[ndarray, "56"],
 ) -> Rehearsal:
     """Predict each row from the database without its own clip and that clip's copies."""
     database = source.database
@@ -227,11 +237,14 @@ def _rehearse(
                 continue
             near = nearest(squared, available, available)
             found.append(
-                _predict(source, settings, row, query, near, pose, step, transitions, ridge)
+                _predict(source, settings, row, query, near, pose, step, transitions, share)
             )
     if not found:
         return _nothing(settings, len(feature_noise))
-    return Rehearsal(*map(np.array, zip(*found, strict=True)))
+    squared, by_feature, by_lag, known, *outcomes = map(np.array, zip(*found, strict=True))
+    return Rehearsal(
+        squared, by_feature, by_lag, Outcome(*outcomes[:2]), Outcome(*outcomes[2:]), known
+    )
 
 
 def _predict(
@@ -243,7 +256,7 @@ def _predict(
     pose: Inputs,
     step: Inputs,
     transitions: Steps,
-    ridge: Int[ndarray, "56"] | None,
+    share: Float[ndarray, "56"],
 ) -> tuple[Any, ...]:
     """One row's entries of a `Rehearsal`."""
     database = source.database
@@ -253,17 +266,17 @@ def _predict(
     trust = np.ones(len(pose.noise))
     x = pose.reduce(np.concatenate([raw, query.features]), trust)
     X = pose.of(rows, trust)
-    fit = LocalFit(X, source.angles[rows], weights, within_reach(X, weights, x))
-    known = np.zeros(DOF_COUNT)
-    if ridge is not None:
-        known = np.diagonal(fit.normal(POSE_RIDGES, ridge).covariance)
-    errors = source.angles[row].astype(float) - fit.predictions(POSE_RIDGES)
+    angles = LocalFit(
+        X, source.angles[rows], weights, within_reach(X, weights, x), settings.pose_ridge
+    )
+    wanted = source.angles[row].astype(float) - angles.mean
     # The past before a step is known better than its share of lasting noise says.
     past = database.histories(np.array([row]), settings.history)[0].ravel().astype(float)
     s = step.reduce(past, trust[: len(past)])
     S = step.of(rows, trust[: len(past)])
-    fit = LocalFit(S, transitions.of(rows), weights, within_reach(S, weights, s))
-    step_errors = transitions.of(np.array([row]))[0].astype(float) - fit.predictions(STEP_RIDGES)
+    moves = LocalFit(
+        S, transitions.of(rows), weights, within_reach(S, weights, s), settings.step_ridge
+    )
     middle = rows[int(NEAR * settings.neighbours)]
     apart = database.angles[middle - np.arange(1, settings.history + 1)] - query.history
     metric = source.metric
@@ -271,9 +284,11 @@ def _predict(
         squared[int(NEAR * settings.neighbours)],
         np.square(metric.features * (source.features[middle] - query.features)),
         np.square(metric.history) * np.square(apart).sum(axis=1),
-        errors - 2.0 * np.pi * np.round(errors / (2.0 * np.pi)),
-        step_errors,
-        known,
+        np.diagonal(angles.normal(share).covariance).astype(float),
+        wanted - 2.0 * np.pi * np.round(wanted / (2.0 * np.pi)),
+        angles.deviation.astype(float),
+        transitions.of(np.array([row]))[0].astype(float) - moves.mean,
+        moves.deviation.astype(float),
     )
 
 
@@ -282,13 +297,14 @@ def _nothing(settings: Settings, features: int) -> Rehearsal:
     # One coordinate wrong in each, so that together they are independent of each other.
     count = TANGENT_SIZE
     wrong = np.sqrt(count) * np.eye(count)
+    nothing = np.zeros((count, count))
     return Rehearsal(
         np.ones(count),
         np.ones((count, features)),
         np.ones((count, settings.history)),
-        np.repeat(np.radians(10.0) * wrong[:, None, :DOF_COUNT], len(POSE_RIDGES), axis=1),
-        np.repeat(np.radians(1.0) * wrong[:, None], len(STEP_RIDGES), axis=1),
-        np.zeros((count, DOF_COUNT)),
+        Outcome(np.radians(10.0) * wrong[:, :DOF_COUNT], nothing[:, :DOF_COUNT]),
+        Outcome(np.radians(1.0) * wrong, nothing),
+        nothing[:, :DOF_COUNT],
     )
 
 

@@ -8,7 +8,7 @@ the time, and centered inputs in units of their noise lose nothing by it.
 from typing import NamedTuple, no_type_check
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from numba import njit
 from numpy import ndarray
 
@@ -83,8 +83,9 @@ class LocalFit:
 
     With inputs measured in units of their own noise a unit ridge is the errors-in-variables
     solution: an input is believed as far as its spread among the neighbours exceeds its
-    noise. A larger ridge leans more on the examples' mean. It computes in the precision of
-    the examples.
+    noise. A larger ridge leans more on the examples' mean, and so does an output of which
+    only a share of the predicted deviation from that mean is believed. It computes in the
+    precision of the examples.
     """
 
     def __init__(
@@ -93,46 +94,65 @@ class LocalFit:
         Y: Float[ndarray, "K d"],
         weights: Float[ndarray, " K"],
         x: Float[ndarray, " n"],
+        ridge: float,
     ) -> None:
-        self._fit = _Fit(*_moments(X, Y, weights.astype(X.dtype), x.astype(X.dtype)))
+        kind = X.dtype.type
+        self._fit = _Fit(*_fit(X, Y, weights.astype(kind), x.astype(kind), kind(ridge)))
 
-    def predictions(self, ridges: Float[ndarray, " r"]) -> Float[ndarray, "r d"]:
-        """All outputs with each of some ridges."""
-        return _predictions(self._fit, ridges.astype(self._fit.x.dtype))
+    @property
+    def mean(self) -> Float[ndarray, " d"]:
+        """The examples' mean."""
+        return self._fit.mean
 
-    def normal(self, ridges: Float[ndarray, " r"], choice: Int[ndarray, " d"]) -> Normal:
-        """The prediction with its leave-one-out covariance, every output with its own ridge.
+    @property
+    def deviation(self) -> Float[ndarray, " d"]:
+        """The predicted deviation from that mean."""
+        return self._fit.x @ self._fit.slopes
 
-        The covariance is that of the leave-one-out residuals e_i / (1 - h_ii), exact for
-        weighted ridge (PRESS; Allen 1974) with
+    def normal(self, share: Float[ndarray, " d"]) -> Normal:
+        """The prediction with its leave-one-out covariance.
+
+        The covariance is that of the leave-one-out residuals: y_i - mean of the others
+        where nothing of the deviation is believed, e_i / (1 - h_ii) where all is, which is
+        exact for weighted ridge (PRESS; Allen 1974) with
 
             h_ii = w_i / sum w + w_i x_i^T (X^T W X + lambda I)^-1 x_i
 
-        on centered inputs, plus the noise of x carried through the regression.
+        on centered inputs; plus the noise of x carried through the regression.
 
         Args:
-            ridges: to choose from.
-            choice: which of them each output takes.
+            share: of the predicted deviation that is believed, for every output.
         """
-        return Normal(*_normal(self._fit, ridges.astype(self._fit.x.dtype), choice))
+        return Normal(*_normal(self._fit, share.astype(self._fit.x.dtype)))
 
 
 class _Fit(NamedTuple):
-    """Centered examples, weighted by the root of their shares, and their moments."""
+    """Centered examples, weighted by the root of their shares, and what fits them.
+
+    Attributes:
+        mean: of the outputs.
+        Y: outputs.
+        x: the present input.
+        slopes: from inputs to outputs.
+        fitted: what they say of the outputs.
+        alone: 1 / (1 - share) of every example: its residual from the mean of the others.
+        left_out: 1 / (1 - leverage): its residual from the fit to the others.
+    """
 
     mean: Float[ndarray, " d"]
-    shares: Float[ndarray, " K"]
-    X: Float[ndarray, "K n"]
     Y: Float[ndarray, "K d"]
     x: Float[ndarray, " n"]
-    square: Float[ndarray, "n n"]
-    moment: Float[ndarray, "n d"]
+    slopes: Float[ndarray, "n d"]
+    fitted: Float[ndarray, "K d"]
+    alone: Float[ndarray, " K"]
+    left_out: Float[ndarray, " K"]
 
 
 @njit(cache=True)
 @no_type_check
-def _moments(X, Y, weights, x):
+def _fit(X, Y, weights, x, ridge):
     """The parts of a `_Fit`."""
+    one, least = X.dtype.type(1.0), X.dtype.type(1.0 - _LARGEST_LEVERAGE)
     shares = weights / weights.sum()
     center, mean = np.dot(shares, X), np.dot(shares, Y)
     A, B = np.empty_like(X), np.empty_like(Y)
@@ -142,57 +162,32 @@ def _moments(X, Y, weights, x):
             A[i, j] = root * (X[i, j] - center[j])
         for j in range(Y.shape[1]):
             B[i, j] = root * (Y[i, j] - mean[j])
-    return mean, shares, A, B, x - center, np.dot(A.T, A), np.dot(A.T, B)
-
-
-@njit(cache=True)
-@no_type_check
-def _whitening(square, ridge):
-    """W with W^T W = (square + ridge I)^-1; zero, so that no input counts, if there is none."""
-    grown = square.copy()
-    for i in range(len(grown)):
-        grown[i, i] += ridge
-    L, W = np.zeros_like(grown), np.zeros_like(grown)
-    if factorize(grown, grown.dtype.type(0.0), L):
+    square = np.dot(A.T, A)
+    for i in range(len(square)):
+        square[i, i] += ridge
+    # W^T W is the inverse; zero, so that no input counts, where there is none.
+    L, W = np.zeros_like(square), np.zeros_like(square)
+    if factorize(square, X.dtype.type(0.0), L):
         invert_triangle(L, W)
-    return W
+    slopes = np.dot(W.T, np.dot(W, np.dot(A.T, B)))
+    kept = one - shares
+    alone = one / np.maximum(kept, least)
+    for direction in np.dot(W, A.T):
+        for i in range(len(X)):
+            kept[i] -= direction[i] * direction[i]
+    return mean, B, x - center, slopes, np.dot(A, slopes), alone, one / np.maximum(kept, least)
 
 
 @njit(cache=True)
 @no_type_check
-def _predictions(fit, ridges):
-    """All outputs with each of some ridges."""
-    found = np.empty((len(ridges), len(fit.mean)), fit.X.dtype)
-    for r in range(len(ridges)):
-        W = _whitening(fit.square, ridges[r])
-        found[r] = fit.mean + np.dot(np.dot(np.dot(W, fit.x), W), fit.moment)
-    return found
-
-
-@njit(cache=True)
-@no_type_check
-def _normal(fit, ridges, choice):
-    """Mean and covariance with a ridge for every output."""
-    examples, outputs = fit.Y.shape
-    one, least = fit.X.dtype.type(1.0), fit.X.dtype.type(1.0 - _LARGEST_LEVERAGE)
-    slopes = np.empty_like(fit.moment)
-    scale = np.empty((examples, len(ridges)), fit.X.dtype)
-    for r in range(len(ridges)):
-        if not np.any(choice == r):
-            continue
-        W = _whitening(fit.square, ridges[r])
-        kept = one - fit.shares
-        for direction in np.dot(W, fit.X.T):
-            for i in range(examples):
-                kept[i] -= direction[i] * direction[i]
-        scale[:, r] = one / np.maximum(kept, least)
-        solved = np.dot(W.T, np.dot(W, fit.moment))
-        for j in range(outputs):
-            if choice[j] == r:
-                slopes[:, j] = solved[:, j]
-    residuals = np.dot(fit.X, slopes)
-    for i in range(examples):
-        for j in range(outputs):
-            residuals[i, j] = (fit.Y[i, j] - residuals[i, j]) * scale[i, choice[j]]
+def _normal(fit, share):
+    """Mean and covariance with a share of the deviation for every output."""
+    residuals = np.empty_like(fit.Y)
+    for i in range(len(residuals)):
+        for j in range(residuals.shape[1]):
+            alone, left_out = fit.alone[i], fit.left_out[i]
+            plain, fitted = fit.Y[i, j] * alone, (fit.Y[i, j] - fit.fitted[i, j]) * left_out
+            residuals[i, j] = plain + share[j] * (fitted - plain)
+    slopes = fit.slopes * share
     covariance = np.dot(residuals.T, residuals) + np.dot(slopes.T, slopes)
     return fit.mean + np.dot(fit.x, slopes), covariance

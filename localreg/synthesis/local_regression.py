@@ -29,13 +29,7 @@ from localreg.body.skeleton import DOF_COUNT, TANGENT_SIZE
 from localreg.database.neighbours import Neighbours, Query
 from localreg.synthesis.belief import Belief, Limits
 from localreg.synthesis.examples import ExampleSource
-from localreg.synthesis.experience import (
-    NEAR,
-    POSE_RIDGES,
-    STEP_RIDGES,
-    Experience,
-    learn,
-)
+from localreg.synthesis.experience import NEAR, Experience, learn
 from localreg.synthesis.linear_algebra import factorize, positive_inverse, substitute
 from localreg.synthesis.local_fit import LocalFit, Normal, kernel_weights, within_reach
 from localreg.synthesis.prior import Acquisition, Expectation, Prior, spread_starts
@@ -186,8 +180,9 @@ class LocalRegression(Prior):
         trust = np.concatenate([np.repeat(query.history_valid, DOF_COUNT), query.feature_trust])
         x = inputs.reduce(np.concatenate([query.history.ravel(), query.features]), trust)
         X = inputs.of(rows, trust)
-        fit = LocalFit(X, self.source.angles[rows], weights, within_reach(X, weights, x))
-        mean, known = fit.normal(POSE_RIDGES, self.experience.pose_ridge)
+        x, Y = within_reach(X, weights, x), self.source.angles[rows]
+        fit = LocalFit(X, Y, weights, x, self.settings.pose_ridge)
+        mean, known = fit.normal(self.experience.pose_share)
         covariance = distance * self.experience.pose_growth
         covariance += known
         covariance[np.diag_indices(DOF_COUNT)] += self.settings.floor**2
@@ -205,8 +200,8 @@ class LocalRegression(Prior):
         trust = np.repeat(query.history_valid, DOF_COUNT).astype(float)
         x = inputs.reduce(query.history.ravel(), trust)
         X, Y = inputs.of(rows, trust), self.experience.steps.of(rows)
-        fit = LocalFit(X, Y, weights, within_reach(X, weights, x))
-        mean, known = fit.normal(STEP_RIDGES, self.experience.step_ridge)
+        fit = LocalFit(X, Y, weights, within_reach(X, weights, x), self.settings.step_ridge)
+        mean, known = fit.normal(self.experience.step_share)
         covariance = distance * self.experience.step_growth
         covariance += known
         return Normal(mean.astype(float), covariance)

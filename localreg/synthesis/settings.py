@@ -35,6 +35,8 @@ class Settings:
         feature_rotation_noise: what entries of feature rotation matrices are off by.
         pose_information: share of the pose regression's information that is new in each
             frame; its errors last for about the inverse in frames.
+        pose_ridge: of the pose regression, whose inputs are in units of their noise.
+        step_ridge: of the step regression.
         step_noise: what the past's joint angles are off by, for the step [rad].
         drift_memory: share of the step regression's error that is still there a frame later.
         step_floor_position: least standard deviation of the root's step [m].
@@ -56,7 +58,7 @@ class Settings:
     """
 
     prior: str = "localreg"
-    neighbours: int = 300
+    neighbours: int = 200
     history: int = 3
     sigma_position: float = 0.004
     sigma_orientation: float = radians(1.0)
@@ -70,6 +72,8 @@ class Settings:
     feature_position_noise: float = 0.006
     feature_rotation_noise: float = 0.012
     pose_information: float = 0.15
+    pose_ridge: float = 10.0
+    step_ridge: float = 30.0
     step_noise: float = radians(0.5)
     drift_memory: float = 0.85
     step_floor_position: float = 0.001

@@ -14,7 +14,7 @@ from localreg.database import PoseDatabase
 from localreg.motion.motion import Motion
 from localreg.synthesis import experience
 from localreg.synthesis.examples import ExampleSource
-from localreg.synthesis.experience import POSE_RIDGES, STEP_RIDGES, Experience, Rehearsal, learn
+from localreg.synthesis.experience import Experience, Outcome, Rehearsal, learn
 from localreg.synthesis.local_regression import LocalRegression
 from localreg.synthesis.methods import build_synthesizer
 from localreg.synthesis.settings import Settings
@@ -130,7 +130,7 @@ def test_the_order_of_clips_hardly_matters(lesson, walks):
         assert sums[0] == pytest.approx(sums[1], rel=0.3)
 
 
-def test_the_chosen_ridges_have_the_least_error_and_growth_is_that_error(
+def test_the_believed_shares_have_the_least_error_and_growth_is_that_error(
     lesson, with_copies, monkeypatch
 ):
     given = lesson(with_copies)
@@ -145,15 +145,18 @@ def test_the_chosen_ridges_have_the_least_error_and_growth_is_that_error(
     found = given.learned()
     last = rehearsals[-1]
     weights = 1.0 / np.maximum(last.squared_distance, 0.05)
-    for kind, ridges in (("pose", POSE_RIDGES), ("step", STEP_RIDGES)):
-        errors, choice = getattr(last, f"{kind}_errors"), getattr(found, f"{kind}_ridge")
-        assert errors.shape[1] == len(ridges)
-        weighted = np.einsum("q,qrd->rd", weights, errors**2)
-        outputs = np.arange(len(choice))
-        assert np.all(weighted[choice, outputs] <= weighted.min(axis=0))
-        assert len(set(choice.tolist())) > 1
-        chosen = errors[:, choice, outputs]
-        expected = sum(w * np.outer(e, e) for w, e in zip(weights, chosen, strict=True)) / len(
+    for kind in ("pose", "step"):
+        outcome, share = getattr(last, kind), getattr(found, f"{kind}_share")
+        assert np.all((share >= 0.0) & (share <= 1.0))
+        assert len(set(share.tolist())) > 10
+
+        def loss(share: ndarray, outcome: Outcome = outcome) -> ndarray:
+            return weights @ np.square(outcome.wanted - share * outcome.predicted)
+
+        for other in (0.0, 0.99 * share, np.minimum(1.01 * share, 1.0), 1.0):
+            assert np.all(loss(share) <= loss(np.full(len(share), other)) * (1.0 + 1e-9))
+        errors = outcome.wanted - share * outcome.predicted
+        expected = sum(w * np.outer(e, e) for w, e in zip(weights, errors, strict=True)) / len(
             weights
         )
         np.testing.assert_allclose(getattr(found, f"{kind}_growth"), expected, atol=1e-12)

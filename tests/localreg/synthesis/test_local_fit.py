@@ -16,8 +16,8 @@ def problem(seed: int, examples: int, inputs: int, outputs: int) -> tuple[ndarra
 
 
 def ridge_fit(X: ndarray, Y: ndarray, weights: ndarray, x: ndarray, ridge: float) -> Normal:
-    """All outputs with one ridge."""
-    return LocalFit(X, Y, weights, x).normal(np.array([ridge]), np.zeros(Y.shape[1], dtype=int))
+    """All that is predicted of every output is believed."""
+    return LocalFit(X, Y, weights, x, ridge).normal(np.ones(Y.shape[1]))
 
 
 def normal_equations(X, Y, weights, x, penalty) -> tuple[ndarray, ndarray]:
@@ -94,31 +94,46 @@ def test_only_ratios_of_weights_count(factor):
         np.testing.assert_allclose(got, expected, rtol=1e-9)
 
 
-@pytest.mark.parametrize("ridges", [[0.3], [0.01, 1.0, 100.0]])
-def test_predictions_with_each_ridge_are_those_of_single_fits(ridges):
+@pytest.mark.parametrize("share", [[0.0, 0.0, 0.0], [1.0, 1.0, 1.0], [0.2, 0.0, 0.9]])
+def test_a_share_of_the_deviation_lies_between_mean_and_fit(share):
     X, Y, weights, x = ridge_problem(17)
-    several = LocalFit(X, Y, weights, x).predictions(np.array(ridges))
-    assert several.shape == (len(ridges), 3)
-    for ridge, predicted in zip(ridges, several, strict=True):
-        expected, _ = normal_equations(X, Y, weights, x, ridge * weights.sum())
-        np.testing.assert_allclose(predicted, expected, rtol=1e-9, atol=1e-9)
+    mean = weights @ Y / weights.sum()
+    whole, _ = normal_equations(X, Y, weights, x, 0.3 * weights.sum())
+    fit = LocalFit(X, Y, weights, x, 0.3)
+    np.testing.assert_allclose(fit.mean, mean, rtol=1e-9)
+    np.testing.assert_allclose(fit.deviation, whole - mean, rtol=1e-8, atol=1e-9)
+    found = fit.normal(np.array(share))
+    np.testing.assert_allclose(found.mean, mean + share * (whole - mean), rtol=1e-8, atol=1e-9)
 
 
-@pytest.mark.parametrize("choice", [[0, 1, 2], [2, 2, 0], [1, 1, 1]])
-def test_outputs_with_ridges_of_their_own_are_as_in_fits_with_that_ridge(choice):
-    """Means and variances; covariances are those of the residuals that belong together."""
+def test_outputs_with_shares_of_their_own_have_residuals_of_true_refits():
+    """Each example predicted from the others: their mean and a share of what they add to it."""
     X, Y, weights, x = ridge_problem(18)
-    ridges, choice = np.array([0.01, 1.0, 30.0]), np.array(choice)
-    mixed = LocalFit(X, Y, weights, x).normal(ridges, choice)
-    for output, number in enumerate(choice):
-        single = ridge_fit(X, Y, weights, x, float(ridges[number]))
-        assert mixed.mean[output] == pytest.approx(single.mean[output], rel=1e-12)
-        same = np.flatnonzero(choice == number)
-        np.testing.assert_allclose(
-            mixed.covariance[output, same], single.covariance[output, same], rtol=1e-9, atol=1e-12
-        )
-    np.testing.assert_allclose(mixed.covariance, mixed.covariance.T)
-    assert np.linalg.eigvalsh(mixed.covariance)[0] > 0.0
+    share, total = np.array([0.0, 0.4, 1.0]), weights.sum()
+    errors = np.empty_like(Y)
+    for i in range(len(X)):
+        rest = np.arange(len(X)) != i
+        mean = weights[rest] @ Y[rest] / weights[rest].sum()
+        fitted, _ = normal_equations(X[rest], Y[rest], weights[rest], X[i], 0.3 * total)
+        errors[i] = Y[i] - mean - share * (fitted - mean)
+    slopes = share * normal_equations(X, Y, weights, x, 0.3 * total)[1]
+    expected = errors.T @ (weights[:, None] * errors) / total + slopes.T @ slopes
+    covariance = LocalFit(X, Y, weights, x, 0.3).normal(share).covariance
+    np.testing.assert_allclose(covariance, expected, rtol=1e-8, atol=1e-10)
+    np.testing.assert_allclose(covariance, covariance.T)
+
+
+def test_single_precision_loses_nothing_that_counts():
+    """Inputs of a deviation of hundreds of their noise, outputs in radians."""
+    X, Y, x = problem(22, 300, 48, 56)
+    X, x = 200.0 * X, 200.0 * x
+    weights = np.random.default_rng(1).uniform(0.05, 1.0, 300)
+    double = ridge_fit(X, Y, weights, x, 10.0)
+    single = ridge_fit(X.astype(np.float32), Y.astype(np.float32), weights, x, 10.0)
+    sigma = np.sqrt(np.diagonal(double.covariance))
+    assert np.abs(single.mean - double.mean).max() < 1e-3 * sigma.min()
+    scale = np.outer(sigma, sigma)
+    assert (np.abs(single.covariance - double.covariance) / scale).max() < 1e-3
 
 
 @pytest.mark.parametrize("examples", [1, 2, 3, 8])
@@ -149,10 +164,9 @@ def test_a_great_ridge_leaves_the_weighted_mean():
 def test_what_is_fitted_is_not_changed():
     given = ridge_problem(21)
     copies = [part.copy() for part in given]
-    fit = LocalFit(*given)
-    fit.predictions(np.array([1.0, 2.0]))
-    first = fit.normal(np.array([1.0, 2.0]), np.array([0, 1, 0]))
-    again = fit.normal(np.array([1.0, 2.0]), np.array([0, 1, 0]))
+    fit = LocalFit(*given, 2.0)
+    first = fit.normal(np.array([1.0, 0.5, 0.0]))
+    again = fit.normal(np.array([1.0, 0.5, 0.0]))
     for part, copy in zip((*given, *first), (*copies, *again), strict=True):
         np.testing.assert_array_equal(part, copy)
 
