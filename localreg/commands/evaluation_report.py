@@ -13,7 +13,7 @@ import numpy as np
 from localreg.commands import evaluation_tables as tables
 from localreg.commands.grids import Grid
 from localreg.database import PoseDatabase
-from localreg.drawing import filmstrip
+from localreg.drawing.filmstrip import filmstrip
 from localreg.errors import LocalregError
 from localreg.evaluation import figures
 from localreg.evaluation.execution import Run

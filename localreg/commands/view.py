@@ -1,5 +1,6 @@
 """`localreg view`: a motion in a window, in a browser, as a picture or a video."""
 
+import contextlib
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -251,7 +252,9 @@ def _show(
         _serve(footage, host, port, loop)
         return
     source = FileSource(footage, is_looping=loop)
-    show_native(source, controls=Controls(preset=camera, style=style))
+    # Ctrl-C in the terminal is a way to close a window, too.
+    with contextlib.suppress(KeyboardInterrupt):
+        show_native(source, controls=Controls(preset=camera, style=style))
 
 
 def _serve(footage: "Footage", host: str, port: int | None, loop: bool) -> None:

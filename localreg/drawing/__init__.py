@@ -1,6 +1,5 @@
-"""Pictures of bodies without a display."""
+"""Pictures of bodies without a display; those with plots and words are in `filmstrip.py`."""
 
-from localreg.drawing.filmstrip import filmstrip
 from localreg.drawing.offscreen import Camera, Canvas, Drawing, open_canvas
 from localreg.drawing.scene import Figure, Scene, build_scene
 
@@ -11,6 +10,5 @@ __all__ = [
     "Figure",
     "Scene",
     "build_scene",
-    "filmstrip",
     "open_canvas",
 ]

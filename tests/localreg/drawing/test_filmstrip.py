@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from localreg.drawing import filmstrip
+from localreg.drawing.filmstrip import filmstrip
 from localreg.drawing.offscreen import working_backend
 from localreg.errors import LocalregError
 from localreg.motion.motion import Motion
