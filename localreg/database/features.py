@@ -7,19 +7,21 @@ tracker's axes, and its height. Global position and heading do not enter.
 """
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, no_type_check
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Float32
+from numba import njit
 from numpy import ndarray
 
-from localreg.body.kinematics import Kinematics, tracker_poses_batch
+from localreg.body.chain import blank_placed, chain_of, place
+from localreg.body.kinematics import Kinematics
 from localreg.body.skeleton import BONES
 from localreg.body.subject import Subject
 
-_CHUNK: Final = 8192  # poses a batch: bounds memory, and keeps to one compiled shape
+_CHUNK: Final = 8192  # poses a batch: bounds memory
 _PER_TRACKER: Final = 12  # relative position 3, relative rotation matrix 9
 _UP: Final = np.array([0.0, 0.0, 1.0])
 
@@ -128,18 +130,69 @@ def database_features(
     kinematics: Kinematics,
     root: Float32[ndarray, "N 7"],
     angles: Float32[ndarray, "N 56"],
+    tell: Callable[[int, int, str], None] | None = None,
 ) -> Float32[ndarray, "N f"]:
-    """Features of every pose of a database, as if this subject had struck it."""
+    """Features of every pose of a database, as if this subject had struck it.
+
+    Args:
+        layout: which column means what.
+        kinematics: the subject's body.
+        root: root positions [m] and quaternions w x y z.
+        angles: joint angles [rad].
+        tell: is told how many poses are done, of how many.
+    """
+    chain, others = chain_of(kinematics), np.array(layout.others, dtype=np.int64)
     out = np.empty((len(angles), layout.size), dtype=np.float32)
     for begin in range(0, len(angles), _CHUNK):
         chunk = slice(begin, begin + _CHUNK)
         qpos = np.hstack([root[chunk], angles[chunk]]).astype(float)
-        count = len(qpos)
-        if count < _CHUNK:  # pad to the one compiled shape
-            qpos = np.concatenate([qpos, np.repeat(qpos[-1:], _CHUNK - count, axis=0)])
-        poses = tracker_poses_batch(kinematics, jnp.asarray(qpos))
-        features = layout.extract(
-            np.asarray(poses.positions), quaternions_to_matrices(np.asarray(poses.quaternions))
-        )
-        out[chunk] = features[:count]
+        _write_features(chain, layout.reference, others, qpos, blank_placed(chain), out[chunk])
+        if tell is not None:
+            tell(begin + len(qpos), len(angles), "placing trackers")
     return out
+
+
+@njit(cache=True)
+@no_type_check
+def _write_features(chain, reference, others, qpos, placed, out):
+    """`FeatureLayout.extract` of the trackers of some poses."""
+    own, turn, seen = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
+    for row in range(len(qpos)):
+        place(chain, qpos[row], placed)
+        rotation_matrix(placed.site_orientation[reference], own)
+        at = placed.site_position[reference]
+        column = 0
+        for other in others:
+            for i in range(3):
+                seen[i] = placed.site_position[other, i] - at[i]
+            rotation_matrix(placed.site_orientation[other], turn)
+            for i in range(3):
+                total = 0.0
+                for k in range(3):
+                    total += own[k, i] * seen[k]
+                out[row, column + i] = total
+            for i in range(3):
+                for j in range(3):
+                    total = 0.0
+                    for k in range(3):
+                        total += own[k, i] * turn[k, j]
+                    out[row, column + 3 + 3 * i + j] = total
+            column += _PER_TRACKER
+        out[row, column : column + 3] = own[2]
+        out[row, column + 3] = at[2]
+
+
+@njit(cache=True)
+@no_type_check
+def rotation_matrix(q, out):
+    """Write the rotation matrix of a unit quaternion w x y z."""
+    w, x, y, z = q
+    out[0, 0] = 1 - 2 * (y * y + z * z)
+    out[0, 1] = 2 * (x * y - w * z)
+    out[0, 2] = 2 * (x * z + w * y)
+    out[1, 0] = 2 * (x * y + w * z)
+    out[1, 1] = 1 - 2 * (x * x + z * z)
+    out[1, 2] = 2 * (y * z - w * x)
+    out[2, 0] = 2 * (x * z - w * y)
+    out[2, 1] = 2 * (y * z + w * x)
+    out[2, 2] = 1 - 2 * (x * x + y * y)

@@ -27,8 +27,13 @@ SMALL: Final = 64 * 2**20
 """Databases up to this size [bytes] have their checksums verified at every load."""
 
 
-def write_folder(folder: Path, document: Mapping[str, Any], arrays: Mapping[str, ndarray]) -> None:
-    """Write arrays and a document as a database folder.
+def write_folder(
+    folder: Path,
+    document: Mapping[str, Any],
+    arrays: Mapping[str, ndarray],
+    form: str = FORMAT,
+) -> None:
+    """Write arrays and a document as a database folder, or as a folder of another format.
 
     Everything goes to a temporary folder beside the target, which takes the target's
     place only when it is complete and on disk. An older database there is kept until
@@ -38,7 +43,7 @@ def write_folder(folder: Path, document: Mapping[str, Any], arrays: Mapping[str,
         DatabaseError: the place holds something that is no database, or the disk refuses.
     """
     folder = folder.absolute()
-    if folder.exists() and not _is_replaceable(folder):
+    if folder.exists() and not _is_replaceable(folder, form):
         raise DatabaseError(
             f"{folder} exists and is not a pose database; give another folder or remove it"
         )
@@ -47,7 +52,7 @@ def write_folder(folder: Path, document: Mapping[str, Any], arrays: Mapping[str,
         folder.parent.mkdir(parents=True, exist_ok=True)
         temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.new-", dir=folder.parent))
         temporary.chmod(0o755)
-        _fill(temporary, document, arrays)
+        _fill(temporary, document, arrays, form)
         _take_place(temporary, folder)
     except OSError as error:
         reason = error.strerror or str(error)
@@ -60,7 +65,7 @@ def write_folder(folder: Path, document: Mapping[str, Any], arrays: Mapping[str,
 
 
 def read_folder(
-    folder: Path, *, verify: bool | None = None
+    folder: Path, *, verify: bool | None = None, form: str = FORMAT
 ) -> tuple[dict[str, Any], dict[str, ndarray]]:
     """Read a database folder: its document and its arrays, mapped into memory read-only.
 
@@ -68,11 +73,12 @@ def read_folder(
         folder: the database.
         verify: whether to verify the arrays' checksums; by default when they are small
             (64 MB together). Presence, sizes, types and shapes are always checked.
+        form: the format that the folder must be of.
 
     Raises:
         DatabaseError: the folder is missing, foreign, damaged or of another version.
     """
-    manifest = _read_manifest(folder)
+    manifest = _read_manifest(folder, form)
     try:
         entries = {str(name): dict(entry) for name, entry in manifest["arrays"].items()}
         total = sum(int(entry["bytes"]) for entry in entries.values())
@@ -87,7 +93,15 @@ def read_folder(
     return manifest["document"], arrays
 
 
-def _fill(folder: Path, document: Mapping[str, Any], arrays: Mapping[str, ndarray]) -> None:
+def identity_of(folder: Path) -> str:
+    """What tells the arrays of a folder from any others, without reading them."""
+    arrays = _read_manifest(folder)["arrays"]
+    return _json_checksum({name: entry["blake2b"] for name, entry in arrays.items()})
+
+
+def _fill(
+    folder: Path, document: Mapping[str, Any], arrays: Mapping[str, ndarray], form: str
+) -> None:
     entries = {}
     for name, array in arrays.items():
         path = folder / f"{name}.npy"
@@ -103,7 +117,7 @@ def _fill(folder: Path, document: Mapping[str, Any], arrays: Mapping[str, ndarra
             "blake2b": _checksum(path),
         }
     body = {
-        "format": FORMAT,
+        "format": form,
         "version": VERSION,
         "arrays": entries,
         "document": dict(document),
@@ -135,7 +149,7 @@ def _take_place(temporary: Path, folder: Path) -> None:
     shutil.rmtree(aside, ignore_errors=True)
 
 
-def _is_replaceable(folder: Path) -> bool:
+def _is_replaceable(folder: Path, form: str) -> bool:
     if not folder.is_dir():
         return False
     if not any(folder.iterdir()):
@@ -144,10 +158,10 @@ def _is_replaceable(folder: Path) -> bool:
         manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return False
-    return isinstance(manifest, dict) and manifest.get("format") == FORMAT
+    return isinstance(manifest, dict) and manifest.get("format") == form
 
 
-def _read_manifest(folder: Path) -> dict[str, Any]:
+def _read_manifest(folder: Path, form: str = FORMAT) -> dict[str, Any]:
     path = folder / MANIFEST
     try:
         manifest = json.loads(path.read_text(encoding="utf-8"))
@@ -163,7 +177,7 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
         raise DatabaseError(f"cannot read {path}: {error.strerror}") from error
     except ValueError as error:
         raise _damaged(folder, f"its {MANIFEST} is not JSON") from error
-    if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
+    if not isinstance(manifest, dict) or manifest.get("format") != form:
         raise DatabaseError(f"{folder} is not a pose database: its {MANIFEST} is another program's")
     version = manifest.get("version")
     if isinstance(version, int) and version > VERSION:

@@ -22,7 +22,7 @@ from localreg.body.skeleton import DOF_COUNT, DOF_NAMES
 from localreg.body.subject import Subject
 from localreg.database.clips import Clip, merged_groups
 from localreg.database.duplicates import DuplicateFinder, common_clips, fingerprints
-from localreg.database.files import read_folder, write_folder
+from localreg.database.files import identity_of, read_folder, write_folder
 from localreg.errors import DatabaseError
 from localreg.motion.motion import Motion
 
@@ -44,6 +44,7 @@ class PoseDatabase:
         rate: poses a second [Hz].
         settings: how it was made.
         skipped: names of motions without a frame, which were left out.
+        identity: what tells a loaded database from any other; empty if it was not loaded.
     """
 
     angles: Float32[ndarray, "poses 56"]
@@ -55,6 +56,7 @@ class PoseDatabase:
     rate: float
     settings: dict[str, Any]
     skipped: tuple[str, ...] = ()
+    identity: str = ""
 
     @classmethod
     def build(
@@ -136,6 +138,7 @@ class PoseDatabase:
                 rate=float(document["rate"]),
                 settings=dict(document["settings"]),
                 skipped=tuple(document["skipped"]),
+                identity=identity_of(folder),
                 **arrays,
             )
         except (KeyError, TypeError, ValueError) as error:

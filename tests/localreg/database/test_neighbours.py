@@ -1,4 +1,4 @@
-"""Exact search against a double loop over poses and lags."""
+"""Searches against a double loop over poses and lags."""
 
 from typing import NamedTuple
 
@@ -9,7 +9,9 @@ from hypothesis import strategies as st
 from numpy import ndarray
 
 from localreg.database import PoseDatabase
-from localreg.database.neighbours import ExactSearch, Metric, Query, nearest
+from localreg.database.block_index import build_index
+from localreg.database.block_search import BlockSearch
+from localreg.database.neighbours import ExactSearch, Metric, NeighbourSearch, Query, nearest
 from localreg.synthesis.examples import example_source
 from tests.localreg.database.made_motion import make_motion
 
@@ -60,13 +62,24 @@ def plain_distances(p: Problem) -> ndarray:
     return squared
 
 
-def search_in(p: Problem) -> ExactSearch:
+def plain_search(p: Problem) -> NeighbourSearch:
     return ExactSearch(p.angles, p.features, p.allowed, p.metric)
+
+
+def block_search(p: Problem) -> NeighbourSearch:
+    windows = np.arange(len(p.angles)) >= len(p.metric.history)
+    index = build_index(p.angles, p.features, windows, p.metric)
+    return BlockSearch(index, p.angles, p.features, p.allowed, p.metric)
+
+
+@pytest.fixture(scope="module", params=[plain_search, block_search], ids=["plain", "blocks"])
+def search_in(request):
+    return request.param
 
 
 @given(seed=st.integers(0, 2**32), count=st.integers(1, 80))
 @settings(max_examples=150, deadline=None)
-def test_the_nearest_are_those_of_a_double_loop(seed, count):
+def test_the_nearest_are_those_of_a_double_loop(search_in, seed, count):
     p = problem(seed)
     rows, squared = search_in(p).search(p.query, count)
     expected = plain_distances(p)
@@ -83,7 +96,7 @@ def test_the_nearest_are_those_of_a_double_loop(seed, count):
 
 @given(seed=st.integers(0, 2**32), queries=st.integers(1, 9))
 @settings(max_examples=50, deadline=None)
-def test_distances_to_several_queries_are_those_to_each(seed, queries):
+def test_distances_to_several_queries_are_those_to_each(search_in, seed, queries):
     p = problem(seed)
     asked = [problem(seed + number).query for number in range(queries)]
     found = search_in(p).squared_distances(asked)
@@ -111,7 +124,7 @@ def test_the_nearest_of_given_distances(count, available):
 
 
 @pytest.mark.parametrize("available", [1, 2, 5])
-def test_too_few_poses_are_repeated_at_infinite_distance(available):
+def test_too_few_poses_are_repeated_at_infinite_distance(search_in, available):
     p = problem(1)
     p.allowed[:] = False
     p.allowed[10 : 10 + available] = True
@@ -121,7 +134,7 @@ def test_too_few_poses_are_repeated_at_infinite_distance(available):
     assert np.all(np.isinf(squared[available:]))
 
 
-def test_equal_poses_are_all_found():
+def test_equal_poses_are_all_found(search_in):
     p = problem(2)
     p.angles[:] = p.angles[0]
     p.features[:] = p.features[0]
@@ -132,9 +145,10 @@ def test_equal_poses_are_all_found():
     np.testing.assert_allclose(squared, squared[0], rtol=CLOSE, atol=CLOSE)
 
 
-def test_a_query_out_of_the_database_finds_itself():
+def test_a_query_out_of_the_database_finds_itself(search_in):
     p = problem(3, poses=200)
-    search = ExactSearch(p.angles, p.features, np.arange(200) >= 3, Metric(np.ones(3), np.ones(7)))
+    metric = Metric(np.ones(3), np.ones(7))
+    search = search_in(p._replace(allowed=np.arange(200) >= 3, metric=metric))
     for row in (3, 50, 199):
         past = p.angles[[row - 1, row - 2, row - 3]].astype(float)
         query = Query(past, np.ones(3, dtype=bool), p.features[row].astype(float), np.ones(7))
@@ -143,7 +157,7 @@ def test_a_query_out_of_the_database_finds_itself():
         assert squared[0] < 1e-3 < squared[1]
 
 
-def test_a_query_that_knows_nothing_finds_allowed_poses():
+def test_a_query_that_knows_nothing_finds_allowed_poses(search_in):
     p = problem(4)
     query = p.query._replace(history_valid=np.zeros(3, dtype=bool), feature_trust=np.zeros(7))
     rows, squared = search_in(p).search(query, 1)
@@ -151,7 +165,7 @@ def test_a_query_that_knows_nothing_finds_allowed_poses():
     assert squared[0] == 0.0
 
 
-def test_searching_changes_nothing():
+def test_searching_changes_nothing(search_in):
     p = problem(5)
     search = search_in(p)
     first = search.search(p.query, 9)

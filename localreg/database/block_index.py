@@ -1,0 +1,170 @@
+"""Blocks of consecutive windows under bounds, made once for a database and a subject.
+
+Windows of 40 poses a second lie on smooth curves in a space where 32 principal directions
+hold 97 % of the variance. Eight in a row are a parabola but for a twentieth of the distance
+at which neighbours are found, so that one look at three vectors bounds eight distances.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int
+from numpy import ndarray
+
+from localreg.database.block_kernels import BLOCK, Blocks
+from localreg.database.neighbours import Metric
+
+DIRECTIONS: Final = 32
+"""Principal directions of windows. With fewer, bounds are loose; more cost more to compare."""
+
+_BASIS_WINDOWS: Final = 20_000  # that principal directions are found from
+_CHUNK: Final = 4096  # blocks at a time
+_CLUSTERED: Final = 200_000  # smaller databases are scanned faster than clusters are chosen
+_BLOCKS_A_CLUSTER: Final = 32
+_ROUNDS: Final = 8
+
+_TIMES: Final = (np.arange(BLOCK) - 0.5 * (BLOCK - 1)).astype(np.float32)
+_BENDS: Final = _TIMES**2 - np.mean(_TIMES**2)
+
+Tell = Callable[[int, int, str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class BlockIndex:
+    """An index of the windows of a database.
+
+    Attributes:
+        mean: of the windows, in units of the metric: past oldest first, then features.
+        basis: principal directions.
+        blocks: what is searched.
+    """
+
+    mean: Float[ndarray, " n"]
+    basis: Float32[ndarray, "n d"]
+    blocks: Blocks
+
+    def arrays(self) -> dict[str, ndarray]:
+        """Everything as named arrays."""
+        return {"mean": self.mean, "basis": self.basis, **self.blocks._asdict()}
+
+    @classmethod
+    def of_arrays(cls, arrays: dict[str, ndarray]) -> "BlockIndex":
+        """The index of what `arrays` gave.
+
+        Raises:
+            KeyError: an array is missing.
+        """
+        blocks = Blocks(*(arrays[name] for name in Blocks._fields))
+        return cls(arrays["mean"], arrays["basis"], blocks)
+
+
+def window_scale(metric: Metric, width: int) -> Float[ndarray, " n"]:
+    """Weights of a window's entries: past oldest first, then features."""
+    return np.concatenate([np.repeat(metric.history[::-1], width), metric.features])
+
+
+def build_index(
+    angles: Float32[ndarray, "N 56"],
+    features: Float32[ndarray, "N f"],
+    targets: Bool[ndarray, " N"],
+    metric: Metric,
+    tell: Tell | None = None,
+) -> BlockIndex:
+    """Index all windows of a database.
+
+    Args:
+        angles: joint angles of all poses [rad].
+        features: their features.
+        targets: rows with a whole window of predecessors.
+        metric: how differences count.
+        tell: is told how many blocks are done, of how many.
+    """
+    lags = len(metric.history)
+    scale = window_scale(metric, angles.shape[1]).astype(np.float32)
+
+    def windows(rows: Int[ndarray, "*k"]) -> Float32[ndarray, "*k n"]:
+        past = angles[rows[..., None] - np.arange(lags, 0, -1)]
+        whole = np.concatenate([past.reshape(*rows.shape, -1), features[rows]], axis=-1)
+        return whole * scale
+
+    rows = np.flatnonzero(targets)
+    some = windows(rows[:: max(1, len(rows) // _BASIS_WINDOWS)]).astype(float)
+    mean = some.mean(axis=0)
+    some -= mean
+    vectors = np.linalg.eigh(some.T @ some)[1][:, ::-1]
+    basis = np.ascontiguousarray(vectors[:, :DIRECTIONS], dtype=np.float32)
+    first, last = _block_ends(targets)
+    count = len(first)
+    center = np.empty((count, basis.shape[1]), dtype=np.float32)
+    tangent = np.empty((count, 2, basis.shape[1]), dtype=np.float32)
+    radius, off_curve = np.empty(count, np.float32), np.empty(count, np.float32)
+    beside = np.empty((count, 2), dtype=np.float32)
+    for begin in range(0, count, _CHUNK):
+        chunk = slice(begin, begin + _CHUNK)
+        # A short block repeats its last window, which changes no bound.
+        within = np.minimum(first[chunk, None] + np.arange(BLOCK), last[chunk, None])
+        raw = windows(within) - mean.astype(np.float32)
+        points = raw @ basis
+        rest = np.linalg.norm(raw - points @ basis.T, axis=-1)
+        beside[chunk, 0], beside[chunk, 1] = rest.min(axis=1), rest.max(axis=1)
+        center[chunk] = points.mean(axis=1)
+        away = points - center[chunk, None]
+        tangent[chunk, 0] = np.einsum("k,bkd->bd", _TIMES / (_TIMES @ _TIMES), away)
+        tangent[chunk, 1] = np.einsum("k,bkd->bd", _BENDS / (_BENDS @ _BENDS), away)
+        radius[chunk] = np.linalg.norm(away, axis=-1).max(axis=1)
+        away -= (
+            _TIMES[:, None] * tangent[chunk, None, 0] + _BENDS[:, None] * tangent[chunk, None, 1]
+        )
+        off_curve[chunk] = np.linalg.norm(away, axis=-1).max(axis=1)
+        if tell is not None:
+            tell(min(begin + _CHUNK, count), count, "indexing")
+    present = 1 + last - first
+    order, middle, begin = _clusters(center, len(rows))
+    reach = np.linalg.norm(center[order] - np.repeat(middle, np.diff(begin), axis=0), axis=1)
+    blocks = Blocks(
+        center=center[order],
+        tangent=tangent[order],
+        first=first[order].astype(np.int32),
+        windows=((1 << present[order]) - 1).astype(np.uint8),
+        radius=radius[order],
+        off_curve=off_curve[order],
+        beside=beside[order],
+        longest=beside[:, 1].max(keepdims=True),
+        cluster_center=middle,
+        cluster_radius=np.maximum.reduceat(reach + radius[order], begin[:-1]).astype(np.float32),
+        cluster_begin=begin.astype(np.int32),
+    )
+    return BlockIndex(mean, basis, blocks)
+
+
+def _block_ends(targets: Bool[ndarray, " N"]) -> tuple[Int[ndarray, " B"], Int[ndarray, " B"]]:
+    """First and last rows of blocks that cut every run of targets in eights."""
+    edges = np.diff(np.concatenate([[0], targets.astype(np.int8), [0]]))
+    starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    counts = -(-(stops - starts) // BLOCK)
+    number = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    first = np.repeat(starts, counts) + BLOCK * number
+    return first, np.minimum(first + BLOCK, np.repeat(stops, counts)) - 1
+
+
+def _clusters(
+    center: Float32[ndarray, "B d"], windows: int
+) -> tuple[Int[ndarray, " B"], Float32[ndarray, "C d"], Int[ndarray, "C_and_1"]]:
+    """Blocks in the order of their clusters, the clusters' means, and where they begin."""
+    if windows < _CLUSTERED:
+        middle = center.mean(axis=0, keepdims=True)
+        return np.arange(len(center)), middle, np.array([0, len(center)])
+    import faiss
+
+    faiss.omp_set_num_threads(1)
+    means: Any = faiss.Kmeans(
+        center.shape[1], len(center) // _BLOCKS_A_CLUSTER,
+        niter=_ROUNDS, seed=1, min_points_per_centroid=1, max_points_per_centroid=64,
+    )  # fmt: skip
+    means.train(center)
+    member = means.index.search(center, 1)[1][:, 0]
+    order = np.argsort(member, kind="stable")
+    used, begin = np.unique(member[order], return_index=True)
+    return order, np.ascontiguousarray(means.centroids[used]), np.append(begin, len(center))

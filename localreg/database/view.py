@@ -1,0 +1,113 @@
+"""A database as one subject sees it: what its trackers would say, and an index of that.
+
+Both depend on the database, on where the subject wears its trackers and on the metric. For
+large databases that were loaded from a folder they are kept in the user's cache folder, so
+that the next start maps them instead of working them out.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import Final
+
+import numpy as np
+from jaxtyping import Bool, Float32
+from numpy import ndarray
+
+from localreg.body.chain import chain_of
+from localreg.body.kinematics import Kinematics
+from localreg.database.block_index import BlockIndex, build_index
+from localreg.database.block_search import PROBES, BlockSearch
+from localreg.database.cache import cached_arrays, digest
+from localreg.database.features import FeatureLayout, database_features
+from localreg.database.neighbours import Metric
+from localreg.database.store import PoseDatabase
+
+LARGE: Final = 200_000
+"""Poses from which neighbours are sought in the likeliest clusters only."""
+
+_WORTH_KEEPING: Final = 20_000  # poses that take longer to index than to map
+_VERSION: Final = 1  # of what is kept
+
+Tell = Callable[[int, int, str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class SubjectView:
+    """What a search needs, whatever is left out of the database.
+
+    Attributes:
+        database: the poses.
+        metric: how differences count.
+        features: what the subject's trackers would say in every pose.
+        targets: rows with a whole window of predecessors.
+        groups: the recording that every pose belongs to.
+        index: of the windows.
+    """
+
+    database: PoseDatabase
+    metric: Metric
+    features: Float32[ndarray, "N f"]
+    targets: Bool[ndarray, " N"]
+    groups: ndarray
+    index: BlockIndex
+
+    def search(
+        self, allowed: Bool[ndarray, " N"] | None = None, *, exact: bool | None = None
+    ) -> BlockSearch:
+        """A search for neighbours.
+
+        Args:
+            allowed: which poses may be found; all with a whole window by default.
+            exact: whether all clusters are looked into; by default where the database is
+                smaller than `LARGE`.
+        """
+        targets = self.targets if allowed is None else self.targets & allowed
+        if exact is None:
+            exact = len(self.database) < LARGE
+        return BlockSearch(
+            self.index, self.database.angles, self.features, targets, self.metric,
+            self.groups, None if exact else PROBES,
+        )  # fmt: skip
+
+
+def subject_view(
+    database: PoseDatabase,
+    layout: FeatureLayout,
+    kinematics: Kinematics,
+    metric: Metric,
+    tell: Tell | None = None,
+) -> SubjectView:
+    """The view of a database that a subject's search needs.
+
+    Args:
+        database: the poses.
+        layout: which feature column means what.
+        kinematics: the subject's body.
+        metric: how differences count.
+        tell: is told how far the work is, unless it has been done before.
+    """
+    targets = np.zeros(len(database), dtype=bool)
+    targets[database.window_targets(len(metric.history))] = True
+
+    def make() -> dict[str, ndarray]:
+        features = database_features(layout, kinematics, database.roots, database.angles, tell)
+        index = build_index(database.angles, features, targets, metric, tell)
+        return {"features": features, **index.arrays()}
+
+    if database.identity and len(database) >= _WORTH_KEEPING:
+        chain = chain_of(kinematics)
+        body = [np.asarray(getattr(chain, name)) for name in chain._fields]
+        columns = [repr(getattr(layout, field.name)) for field in fields(layout)]
+        name = digest(_VERSION, database.identity, *columns, *body, metric.history, metric.features)
+        arrays = cached_arrays(name, make)
+    else:
+        arrays = make()
+    groups = np.array([clip.group for clip in database.clips], dtype=np.int32)
+    return SubjectView(
+        database=database,
+        metric=metric,
+        features=arrays["features"],
+        targets=targets,
+        groups=groups[database.clip_index],
+        index=BlockIndex.of_arrays(arrays),
+    )
