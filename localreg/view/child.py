@@ -82,6 +82,8 @@ def main(arguments: list[str]) -> int:
     # Ctrl-C in a terminal reaches this process, too; the run decides when it ends.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.nice(_NICE)
+    if hasattr(os, "SCHED_BATCH"):  # when it wakes, nobody has to make room at once
+        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     frames_fd, about_fd, line_fd = map(int, arguments)
     frames, about = Slot(frames_fd), Slot(about_fd)
     with socket.socket(fileno=line_fd) as line:

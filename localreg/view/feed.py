@@ -55,16 +55,21 @@ def glimpse_size(trackers: int) -> int:
 def pack(glimpse: Glimpse) -> bytes:
     """The bytes of a glimpse."""
     frame, ghost = glimpse.frame, glimpse.ghost
-    scalars = (
-        float(glimpse.index), frame.time, glimpse.confidence,
+    J = len(frame.position_mask)
+    at = _SCALARS
+    values = np.empty(glimpse_size(J) // 8)
+    values[:at] = (
+        glimpse.index, frame.time, glimpse.confidence,
         glimpse.is_held, glimpse.is_start, ghost is not None,
     )  # fmt: skip
-    shown = glimpse.qpos if ghost is None else ghost
-    parts = (
-        scalars, glimpse.qpos, shown, np.ravel(frame.positions), np.ravel(frame.quaternions),
-        frame.position_mask, frame.orientation_mask,
-    )  # fmt: skip
-    return np.concatenate(parts, dtype=np.float64, casting="unsafe").tobytes()
+    values[at : at + QPOS_SIZE] = glimpse.qpos
+    values[at + QPOS_SIZE : at + 2 * QPOS_SIZE] = glimpse.qpos if ghost is None else ghost
+    rest = values[at + 2 * QPOS_SIZE :]
+    rest[: 3 * J] = frame.positions.ravel()
+    rest[3 * J : 7 * J] = frame.quaternions.ravel()
+    rest[7 * J : 8 * J] = frame.position_mask
+    rest[8 * J :] = frame.orientation_mask
+    return values.tobytes()
 
 
 def unpack(data: bytes, trackers: int) -> Glimpse:

@@ -90,7 +90,7 @@ class TrackersPanel(Panel):
             imgui.EndTable()
         history = desk.history
         lines = dict(zip((t.name for t in trackers), 1e3 * history.distances.T, strict=True))
-        plot("distance from the body", "mm", history.ages, lines, least=20.0)
+        plot("distance from the body", "mm", history.ages, lines, least=20.0, most=150.0)
 
 
 class TimingPanel(Panel):
@@ -119,7 +119,7 @@ class TimingPanel(Panel):
         history = desk.history
         p50, p99 = 1e3 * history.latency.T
         lines = {"p50": p50, "p99": p99}
-        plot("latency", "ms", history.ages, lines, least=25.0)
+        plot("latency", "ms", history.ages, lines, least=25.0, most=250.0)
 
 
 class PriorPanel(Panel):
@@ -154,7 +154,7 @@ class PriorPanel(Panel):
             imgui.EndTable()
         history = desk.history
         lines = {"confidence": history.confidence}
-        plot("confidence", "", history.ages, lines, least=1.0, height=70.0)
+        plot("confidence", "", history.ages, lines, least=1.0, most=1.0, height=60.0)
 
 
 def _row(tracker: TrackerMoment) -> None:

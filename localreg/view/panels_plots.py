@@ -1,5 +1,6 @@
 """Graphs over the last seconds, with ImPlot."""
 
+import math
 from collections.abc import Mapping
 from typing import Final
 
@@ -24,8 +25,9 @@ def plot(
     lines: Mapping[str, Float[ndarray, " n"]],
     *,
     least: float,
+    most: float = math.inf,
     lowest: float = 0.0,
-    height: float = 110.0,
+    height: float = 84.0,
 ) -> None:
     """Lines over the last ten seconds.
 
@@ -34,7 +36,8 @@ def plot(
         unit: of the values, for the axis.
         ages: before the newest, at most 0 [s].
         lines: values by name; NaN leaves a gap.
-        least: the axis reaches at least so far up.
+        least: the axis reaches at least so far up,
+        most: and no farther than this.
         lowest: where the axis begins.
         height: in pixels.
     """
@@ -46,7 +49,7 @@ def plot(
         return
     lock = implot.AxisFlags.NoHighlight
     implot.SetupAxes("", "", lock, lock)
-    top = max(least, 1.1 * highest)
+    top = min(most, max(least, 1.1 * highest))
     always = implot.Cond.Always
     implot.SetupAxisLimits(implot.Axis.X1, -_SECONDS, 0.0, always)
     implot.SetupAxisLimits(implot.Axis.Y1, lowest, top, always)

@@ -55,6 +55,8 @@ _ERROR: Final[Rgba] = (0.96, 0.45, 0.05, 1.0)
 _TRAIL: Final = (0.95, 0.58, 0.22)
 _TRAIL_END: Final = (0.86, 0.845, 0.82)  # about the floor's color
 _AWAY: Final = np.array([0.0, 0.0, -1000.0])  # where a body stands that is not to be seen
+_NOWHERE: Final = np.zeros(3)
+_UNTURNED: Final = np.eye(3).ravel()
 _LEAST_ERROR: Final = 1e-4  # a shorter line cannot be seen [m]
 
 
@@ -267,7 +269,7 @@ def _fill(geom: mujoco.MjvGeom, mark: Mark) -> None:
     color = np.array(mark.color, dtype=np.float32)
     if isinstance(mark, Rod):
         kind = mujoco.mjtGeom.mjGEOM_CAPSULE
-        mujoco.mjv_initGeom(geom, kind, np.zeros(3), np.zeros(3), np.eye(3).ravel(), color)
+        mujoco.mjv_initGeom(geom, kind, _NOWHERE, _NOWHERE, _UNTURNED, color)
         mujoco.mjv_connector(geom, kind, mark.radius, mark.start, mark.end)
     else:
         matrix = np.empty(9)

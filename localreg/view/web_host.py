@@ -19,8 +19,8 @@ from localreg.view.scene import build_stage
 from localreg.view.source import Source
 from localreg.view.web_guard import LOOPBACK, Guard, bind, guarded
 
-MOST_FRAMES: Final = 40.0
-"""Pictures a second that are made at most: the rate of the poses, whatever browsers ask [Hz]."""
+MOST_FRAMES: Final = 30.0
+"""Pictures a second that are made at most, whatever browsers ask for [Hz]."""
 
 _BEGIN: Final = 10.0  # how long serving may take to begin [s]
 
@@ -103,7 +103,7 @@ class _Viewer(web_viewer.WebViewer):
             )
 
     def prepare_next_frame(self) -> bool:
-        # Browsers ask for 60 pictures a second; poses come at 40.
+        # Browsers ask for 60 pictures a second, which nobody needs to see people walk.
         pause = self._next - time.monotonic()
         if pause > 0.0:
             time.sleep(pause)
