@@ -101,8 +101,9 @@ class Motion:
 
         One row a frame: `time` [s], the pelvis' turns [deg] and place [m], then for every
         joint flexion, adduction and rotation or their like [deg], as
-        `localreg.motion.anatomical` defines them; `attrs` says what the columns mean, and
-        name, subject, activity and rate.
+        `localreg.motion.anatomical` defines them, and 1 or 0 for the ball and the toes of
+        each foot, standing or not; `attrs` says what the columns mean, and name, subject,
+        activity and rate.
 
         Raises:
             MotionError: pandas is not installed.

@@ -1,7 +1,8 @@
 """Joint angles as tables: CSV, Parquet and data frames.
 
 One row a frame: `time` [s], the pelvis' turns [deg] and place [m], then three angles of
-every joint [deg], under the names and signs of `localreg.motion.anatomical`. A CSV file says
+every joint [deg], under the names and signs of `localreg.motion.anatomical`, and 1 or 0 for
+the ball and the toes of each foot, standing or not (`localreg.motion.contacts`). A CSV file says
 so in its first lines, which begin with `#` (pandas reads it with `comment="#"`), a Parquet
 file in its metadata and a data frame in its `attrs`. Bone lengths are not in these files:
 reading angles back takes the subject they belong to.
@@ -16,12 +17,17 @@ from numpy import ndarray
 
 from localreg.errors import MotionError
 from localreg.motion.anatomical import COORDINATES, LENGTHS, coordinates
+from localreg.motion.body_poses import body_points
+from localreg.motion.contacts import FOOT_BODIES, foot_contacts
 from localreg.motion.motion import Motion
 
 if TYPE_CHECKING:
     import pandas as pd
 
-COLUMNS: Final = ("time", *COORDINATES)
+CONTACTS: Final = tuple(f"contact_{bone[1:]}_{bone[0]}" for bone in FOOT_BODIES)
+"""Names of the columns that say which parts of the feet stand: 1 or 0."""
+
+COLUMNS: Final = ("time", *COORDINATES, *CONTACTS)
 """Names of the columns."""
 
 DESCRIPTION: Final = (
@@ -31,12 +37,19 @@ DESCRIPTION: Final = (
     "Positive: flexion (ankle and toes: upwards), adduction, inward rotation; pronation; bending",
     "of the wrist to the little finger; raising and pulling forward of the collar bone; for the",
     "trunk, neck and head extension, bending to the right, turning to the left.",
+    "contact_*: 1 where the ball (foot) or the tip (toes) of a foot stands on the ground.",
 )
 """What the columns mean, line by line."""
 
 
 def values(motion: Motion) -> Float[ndarray, "frames columns"]:
     """The numbers of all `COLUMNS`, frame by frame [s, deg, m]."""
+    _, ends = body_points(motion.qpos, motion.subject)
+    return np.hstack([angles_over_time(motion), foot_contacts(ends, motion.rate)])
+
+
+def angles_over_time(motion: Motion) -> Float[ndarray, "frames columns"]:
+    """Time and all `COORDINATES`, frame by frame [s, deg, m]."""
     angles = coordinates(motion.qpos, motion.subject)
     turning = [name not in LENGTHS for name in COORDINATES]
     angles[:, turning] = np.degrees(angles[:, turning])
@@ -50,6 +63,7 @@ def data_frame(motion: Motion) -> "pd.DataFrame":
     except ImportError as error:
         raise _missing("pandas") from error
     frame = pd.DataFrame(values(motion), columns=list(COLUMNS))
+    frame = frame.astype(dict.fromkeys(CONTACTS, "int8"))
     frame.attrs = {**about(motion)}
     return frame
 
@@ -89,7 +103,9 @@ def _write_parquet(motion: Motion, path: Path) -> None:
     except ImportError as error:
         raise _missing("pyarrow") from error
     numbers = values(motion)
-    table = pa.table({name: numbers[:, column] for column, name in enumerate(COLUMNS)})
+    columns = dict(zip(COLUMNS, numbers.T, strict=True))
+    columns |= {name: columns[name].astype(np.int8) for name in CONTACTS}
+    table = pa.table(columns)
     pq.write_table(table.replace_schema_metadata(about(motion)), path, compression="zstd")
 
 

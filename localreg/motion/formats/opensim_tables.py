@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from localreg.motion.anatomical import COORDINATES, FORWARD_UP_RIGHT
-from localreg.motion.formats.angle_tables import values
+from localreg.motion.formats.angle_tables import angles_over_time
 from localreg.motion.markers import POINTS, points
 from localreg.motion.motion import Motion
 
@@ -54,7 +54,7 @@ def write_trc(motion: Motion, path: Path) -> None:
 
 def write_mot(motion: Motion, path: Path) -> None:
     """Write the coordinates of all joints."""
-    numbers = values(motion)
+    numbers = angles_over_time(motion)
     row = "\t".join(["%.9g"] * numbers.shape[1])
     lines = [
         path.stem,

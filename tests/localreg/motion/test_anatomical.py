@@ -17,7 +17,9 @@ from localreg.body.subject import canonical_subject
 from localreg.errors import MotionError
 from localreg.motion.anatomical import COORDINATES, JOINTS, LENGTHS, coordinates, poses
 from localreg.motion.body_poses import body_points
+from localreg.motion.contacts import foot_contacts
 from localreg.motion.formats import read_motion, write_motion
+from localreg.motion.formats.angle_tables import CONTACTS
 from localreg.motion.joint_angles import bone_rotations
 from localreg.motion.motion import Motion
 from tests.localreg.motion.strategies import make_calm_motion, make_motion, make_subject
@@ -118,6 +120,11 @@ def test_a_real_walk_has_a_walk_s_angles(motions_dir):
         assert np.abs(frame[f"hip_adduction_{side}"]).max() < 15
         assert frame[f"elbow_flex_{side}"].min() > 0
     assert np.abs(frame[["pelvis_tilt", "pelvis_list"]]).to_numpy().max() < 15
+    # Feet take turns standing, and labels are those of the detector.
+    standing = frame[list(CONTACTS)].to_numpy()
+    _, ends = body_points(walk.qpos, walk.subject)
+    np.testing.assert_array_equal(standing == 1, foot_contacts(ends, walk.rate))
+    assert 0.3 < standing.mean() < 0.9
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
@@ -128,7 +135,7 @@ def test_tables_hold_what_the_data_frame_does(tmp_path, suffix, count):
     write_motion(motion, path)
     frame = motion.to_dataframe()
     read = pd.read_csv(path, comment="#") if suffix == ".csv" else pd.read_parquet(path)
-    assert list(read.columns) == list(frame.columns) == ["time", *COORDINATES]
+    assert list(read.columns) == list(frame.columns) == ["time", *COORDINATES, *CONTACTS]
     np.testing.assert_allclose(read.to_numpy(), frame.to_numpy(), atol=1e-6)
     np.testing.assert_allclose(read["time"], np.arange(count) / 50.0)
     assert frame.attrs["rate_hz"] == "50"

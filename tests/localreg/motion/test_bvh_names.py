@@ -8,7 +8,7 @@ from bvh import Bvh
 from localreg.body.skeleton import BODY_NAMES
 from localreg.errors import MotionError
 from localreg.motion.body_poses import body_points
-from localreg.motion.formats import write_motion
+from localreg.motion.formats import read_motion, write_motion
 from localreg.motion.formats.joint_trees import FAMILIES, joint_names, joint_tree
 from tests.localreg.motion.strategies import make_calm_motion, make_motion
 
@@ -69,6 +69,16 @@ def test_programs_count_from_a_t_pose(tmp_path, family):
         np.testing.assert_allclose(arm / np.linalg.norm(arm), [sign, 0.0, 0.0], atol=1e-6)
         leg = place[side + "foot"] - place[side + "femur"]
         np.testing.assert_allclose(leg / np.linalg.norm(leg), [0.0, -1.0, 0.0], atol=1e-6)
+
+
+@pytest.mark.parametrize(("family", "within"), [("cmu", 1e-7), ("mixamo", 2e-2), ("vrm", 2e-2)])
+def test_motion_comes_back_from_every_family(tmp_path, family, within):
+    motion = make_calm_motion(6, count=20)
+    (back,) = read_motion(written(motion, tmp_path, family))
+    here, there = (body_points(m.qpos, m.subject)[0] for m in (back, motion))
+    distance = np.linalg.norm(here - there, axis=-1)
+    assert distance.max() < within
+    assert distance.mean() < 0.3 * within + 1e-8
 
 
 def test_unknown_families_and_formats_without_any_are_refused(tmp_path):
