@@ -163,7 +163,7 @@ def view(
         other = None if beside is None else _footage(beside, None, None, source_rate)
         _write(footage, other, style, camera.value, _size(size), video, png, frame, fps)
     elif web:
-        _serve(footage, host, port, loop)
+        _serve(footage, style, camera.value, host, port, loop)
     else:
         _show(footage, style, camera.value, host, port, loop)
 
@@ -249,7 +249,7 @@ def _show(
     from localreg.view.native import show_native
 
     if usual_kind() == "web":
-        _serve(footage, host, port, loop)
+        _serve(footage, style, camera, host, port, loop)
         return
     source = FileSource(footage, is_looping=loop)
     # Ctrl-C in the terminal is a way to close a window, too.
@@ -257,12 +257,15 @@ def _show(
         show_native(source, controls=Controls(preset=camera, style=style))
 
 
-def _serve(footage: "Footage", host: str, port: int | None, loop: bool) -> None:
+def _serve(
+    footage: "Footage", style: Any, camera: Any, host: str, port: int | None, loop: bool
+) -> None:
     from localreg.commands.console import notes, output
     from localreg.view.file_source import FileSource
     from localreg.view.web_host import WebHost
 
     page = WebHost(FileSource(footage, is_looping=loop), host, port)
+    page.desk.style, page.desk.camera = style, camera
 
     def ready() -> None:
         if page.guard.is_open:

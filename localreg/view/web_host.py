@@ -37,6 +37,7 @@ class WebHost:
 
     Attributes:
         guard: who may speak to it.
+        desk: what is shown, and how at first.
 
     Raises:
         LocalregError: the address cannot be had.
@@ -44,7 +45,7 @@ class WebHost:
 
     def __init__(self, source: Source, host: str = LOOPBACK, port: int | None = None) -> None:
         self.guard = Guard(bind(host, port), host)
-        self._source = source
+        self.desk = Desk(source)
         self._endpoint, self._control = launch_thread.make_thread_endpoints()
 
     @property
@@ -61,14 +62,14 @@ class WebHost:
         Raises:
             LocalregError: this version of the viewer cannot be served safely.
         """
-        stage = build_stage(self._source.subject, self._source.ghost)
+        stage = build_stage(self.desk.source.subject, self.desk.source.ghost)
         config = viewer_protocol.ViewerConfig(title="localreg", http_port=self.guard.port)
         with guarded(self.guard):
             viewer = _Viewer(
                 config,
                 self._endpoint,
                 model=stage.model,
-                plugins=[BodyPlugin(stage, Desk(self._source))],
+                plugins=[BodyPlugin(stage, self.desk)],
             )
             try:
                 viewer.check(self.guard)

@@ -1,6 +1,11 @@
 """`localreg view` at work: a minute of AMC played, scrubbed and filmed; takes; side by side."""
 
 import os
+import re
+import signal
+import subprocess
+import sys
+import urllib.request
 from dataclasses import replace
 from pathlib import Path
 
@@ -176,6 +181,29 @@ def test_a_recording_without_a_body_says_how_to_make_one(tmp_path: Path) -> None
         pass
     with pytest.raises(LocalregError, match="localreg synthesize can make some"):
         read_footage(str(path))
+
+
+def test_a_file_in_a_browser_is_served_where_it_says_and_ends_by_interrupt(walk: Path) -> None:
+    command = [sys.executable, "-m", "localreg", "view", str(walk), "--web", "--port", "0"]
+    process = subprocess.Popen(
+        [*command, "--look", "sticks", "--camera", "left"], stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    try:
+        line = process.stdout.readline()
+        while line and "http://" not in line:
+            line = process.stdout.readline()
+        found = re.search(r"look at walk .*on (http://127\.0\.0\.1:\d+/)", line)
+        assert found, line
+        with urllib.request.urlopen(found[1], timeout=60) as answer:  # noqa: S310
+            assert answer.status == 200
+            assert b"<html" in answer.read().lower()
+        process.send_signal(signal.SIGINT)
+        assert process.wait(60) == 0
+    finally:
+        process.kill()
+        process.wait()
+        process.stdout.close()
 
 
 def test_ghosts_are_read_from_their_own_files(walk: Path, minute: Path) -> None:
