@@ -132,6 +132,10 @@ class ViewProcess:
         """Put what changes slowly in place of what was said before; at once."""
         self._about.write(about.to_bytes())
 
+    def join(self, timeout: float) -> None:
+        """Wait until the view has ended by itself, at most so long [s]."""
+        self._thread.join(timeout)
+
     def close(self) -> None:
         """End the view. Doing so twice is no error."""
         self._is_closing = True
