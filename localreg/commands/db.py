@@ -1,5 +1,6 @@
 """`localreg db`: build a pose database, or look at one."""
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -35,6 +36,9 @@ def build(
     source_rate: SourceRate = None,
     overrides: OverridesFile = None,
     skeleton_map: SkeletonMapFile = None,
+    jobs: Annotated[
+        int | None, typer.Option(min=1, help="Processes that read files; one a core by default.")
+    ] = None,
     json_file: Annotated[
         Path | None,
         typer.Option("--json", metavar="FILE", help="Also write what was read, joint by joint."),
@@ -46,22 +50,37 @@ def build(
     by the shape of the skeleton, and their bone lengths are kept. Units and the axis that
     points up are guessed where files do not say them; the notes say how.
     """
+    from functools import partial
+
     from localreg.commands.console import output, progress_bar
-    from localreg.commands.reading import read, report_table, write_report
+    from localreg.commands.reading import report_table, rules_of, write_report
     from localreg.database import PoseDatabase
+    from localreg.database.store import prepare
+    from localreg.motion.sources import Report, iterate_sources, no_motion
 
     if not 0.0 < rate < float("inf"):
         raise typer.BadParameter(f"{rate} Hz is no rate", param_hint="--rate")
-    motions, report = read(sources, source_rate, overrides, skeleton_map)
+    rules, report = rules_of(source_rate, overrides), Report()
     with progress_bar("building") as bar:
 
         def told():
-            for index, motion in enumerate(motions):
-                bar(index, len(motions), motion.provenance.name)
-                yield motion
-            bar(len(motions), len(motions), "looking for copies")
+            for motion, entry in iterate_sources(
+                sources,
+                source_rate=source_rate,
+                overrides=rules,
+                skeleton_map=skeleton_map,
+                progress=bar,
+                jobs=jobs or len(os.sched_getaffinity(0)),
+                prepare=partial(prepare, rate=rate),
+            ):
+                (report.entries if entry.is_motion else report.others).append(entry)
+                if motion is not None:
+                    yield motion
+            if not report.used:
+                raise no_motion(sources, report)
+            bar(1, 1, "looking for copies")
 
-        database = PoseDatabase.build(told(), rate=rate, mirror=mirror)
+        database = PoseDatabase.build(told(), rate=rate, mirror=mirror, prepared=True)
     database.save(out)
     console = output()
     console.print(report_table(report))

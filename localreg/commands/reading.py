@@ -52,9 +52,7 @@ def read(
     Raises:
         MotionError: a source that cannot be read; says which.
     """
-    if source_rate is not None and not 0.0 < source_rate < float("inf"):
-        raise typer.BadParameter(f"{source_rate} Hz is no rate", param_hint="--source-rate")
-    rules = None if overrides is None else Overrides.load(overrides)
+    rules = rules_of(source_rate, overrides)
     with progress_bar("reading") as bar:
         return read_sources(
             sources,
@@ -63,6 +61,17 @@ def read(
             skeleton_map=skeleton_map,
             progress=bar,
         )
+
+
+def rules_of(source_rate: float | None, overrides: Path | None) -> Overrides | None:
+    """What is laid down for some files, once the options are seen to make sense.
+
+    Raises:
+        MotionError: a file that cannot be read.
+    """
+    if source_rate is not None and not 0.0 < source_rate < float("inf"):
+        raise typer.BadParameter(f"{source_rate} Hz is no rate", param_hint="--source-rate")
+    return None if overrides is None else Overrides.load(overrides)
 
 
 def report_table(report: Report) -> Table:

@@ -30,6 +30,11 @@ DEFAULT_RATE: Final = 40.0
 """Rate of the poses unless told otherwise [Hz]."""
 
 
+def prepare(motion: Motion, rate: float) -> Motion:
+    """A motion as a database of that rate stores it."""
+    return motion.resampled(rate).nearest_to_rest() if len(motion) else motion
+
+
 @dataclass(frozen=True, eq=False)
 class PoseDatabase:
     """Poses of many clips at one rate.
@@ -60,7 +65,12 @@ class PoseDatabase:
 
     @classmethod
     def build(
-        cls, motions: Iterable[Motion], *, rate: float = DEFAULT_RATE, mirror: bool = True
+        cls,
+        motions: Iterable[Motion],
+        *,
+        rate: float = DEFAULT_RATE,
+        mirror: bool = True,
+        prepared: bool = False,
     ) -> Self:
         """A database in memory; motions are read one at a time.
 
@@ -68,6 +78,7 @@ class PoseDatabase:
             motions: the clips; each is resampled to `rate`.
             rate: poses a second [Hz].
             mirror: whether to add the mirror image of every clip that is not one itself.
+            prepared: whether motions have been through `prepare` with this rate.
 
         Raises:
             DatabaseError: there is not one pose, or the rate is none.
@@ -76,7 +87,7 @@ class PoseDatabase:
             raise DatabaseError(f"a database at {rate} Hz cannot be; give a positive rate")
         builder = _Builder(rate)
         for motion in motions:
-            builder.add(motion, mirror=mirror)
+            builder.add(motion if prepared else prepare(motion, rate), mirror=mirror)
         if not builder.clips:
             raise DatabaseError("no motion to build a database from; give files or folders of them")
         settings = {"rate": rate, "mirror": mirror, "program": _program_version()}
@@ -317,7 +328,6 @@ class _Builder:
         if not len(motion):
             self.skipped.append(motion.provenance.name)
             return
-        motion = motion.resampled(self.rate).nearest_to_rest()
         group = self.clips[-1].group + 1 if self.clips else 0
         index = len(self.clips)
         self._read.append(index)

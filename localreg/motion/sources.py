@@ -8,6 +8,7 @@ left out with its reason; a bad file that was asked for by name is an error.
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -20,6 +21,7 @@ from localreg.motion.ids import normal_subject, normal_trial
 from localreg.motion.index import activity_of
 from localreg.motion.motion import Motion
 from localreg.motion.overrides import Overrides, Settings
+from localreg.motion.reading_pool import in_order
 
 SAMPLE: Final = "sample"
 """The source that names the sample set; a folder of that name is `./sample`."""
@@ -143,12 +145,17 @@ def read_sources(
         if motion is not None:
             motions.append(motion)
     if not motions:
-        reasons = "".join(f"; {e.source}: {e.skipped}" for e in report.skipped[:3])
-        raise MotionError(
-            f"no usable motion in {', '.join(map(str, sources)) or 'no source at all'}; name the "
-            f"sample set (sample) or files ending in {', '.join(readable_suffixes())}{reasons}"
-        )
+        raise no_motion(sources, report)
     return motions, report
+
+
+def no_motion(sources: Sequence[str | Path], report: Report) -> MotionError:
+    """The error that there is no usable motion in all of some sources."""
+    reasons = "".join(f"; {e.source}: {e.skipped}" for e in report.skipped[:3])
+    return MotionError(
+        f"no usable motion in {', '.join(map(str, sources)) or 'no source at all'}; name the "
+        f"sample set (sample) or files ending in {', '.join(readable_suffixes())}{reasons}"
+    )
 
 
 def iterate_sources(
@@ -158,11 +165,23 @@ def iterate_sources(
     overrides: Overrides | None = None,
     skeleton_map: Path | None = None,
     progress: Progress | None = None,
+    jobs: int = 1,
+    prepare: Callable[[Motion], Motion] | None = None,
 ) -> Iterator[tuple[Motion | None, Entry]]:
     """One after another the motions of some sources, each with its entry for the report.
 
     The motion is None where the entry says why it was left out. Arguments and errors are
-    those of `read_sources`, except that finding nothing is no error.
+    those of `read_sources`, except that finding nothing is no error; and:
+
+    Args:
+        sources: see there.
+        source_rate: see there.
+        overrides: see there.
+        skeleton_map: see there.
+        progress: see there.
+        jobs: processes that files are read by.
+        prepare: what is made of every motion, where it was read; a function that other
+            processes can import.
     """
     sample = read_sample() if any(str(source) == SAMPLE for source in sources) else []
     names = {motion.provenance.name for motion in sample}
@@ -173,12 +192,19 @@ def iterate_sources(
     if sample:
         tell(done, total, SAMPLE)
         for motion in sample:
-            yield motion, _entry(motion, "file")
+            yield motion if prepare is None else prepare(motion), _entry(motion, "file")
         done += 1
-    for file in files:
-        tell(done, total, str(file.path))
-        yield from _read_file(file, source_rate, overrides or Overrides(), skeleton_map)
-        done += 1
+    read = partial(
+        _read_whole,
+        source_rate=source_rate,
+        overrides=overrides or Overrides(),
+        skeleton_map=skeleton_map,
+        prepare=prepare,
+    )
+    for number, found in enumerate(in_order(read, files, min(jobs, len(files)))):
+        tell(done + number, total, str(files[number].path))
+        yield from found
+    done += len(files)
     tell(done, total, "")
     for entry in _others(sources, [file.path for file in files]):
         yield None, entry
@@ -225,6 +251,20 @@ def _name_files(files: list[_File], taken: set[str]) -> list[_File]:
         taken.add(name)
         named.append(replace(file, name=name))
     return named
+
+
+def _read_whole(
+    file: _File,
+    source_rate: float | None,
+    overrides: Overrides,
+    skeleton_map: Path | None,
+    prepare: Callable[[Motion], Motion] | None,
+) -> list[tuple[Motion | None, Entry]]:
+    """What a file holds, prepared; in whichever process."""
+    return [
+        (motion if motion is None or prepare is None else prepare(motion), entry)
+        for motion, entry in _read_file(file, source_rate, overrides, skeleton_map)
+    ]
 
 
 def _read_file(
