@@ -2,6 +2,7 @@
 
 import contextlib
 import http.client
+import os
 import socket
 import subprocess
 import sys
@@ -19,7 +20,7 @@ from localreg.body.subject import canonical_subject
 from localreg.errors import LocalregError
 from localreg.view.process import ViewProcess
 from localreg.view.web_guard import Guard, bind, guarded
-from tests.localreg.view.sockets import listening
+from tests.localreg.view.sockets import listens_on, ports_beyond_loopback
 
 PATIENCE = 30.0
 EVERYWHERE = "0.0.0.0"  # noqa: S104  (its guard is tested; nothing is served)
@@ -77,9 +78,9 @@ def until_closed(connection: ClientConnection) -> str:
 
 
 def test_by_default_nothing_listens_beyond_loopback(page: Page):
-    theirs = listening(page.pid)
-    assert ("127.0.0.1", page.port) in theirs
-    assert {address for address, _ in theirs | listening("self")} == {"127.0.0.1"}
+    assert listens_on(page.pid, page.port)
+    assert not ports_beyond_loopback(page.pid)
+    assert not ports_beyond_loopback(os.getpid())
 
 
 def test_the_page_and_what_it_needs_are_served(page: Page):

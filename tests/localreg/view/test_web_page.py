@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from tests.localreg.view.sockets import family_of, listening
+from tests.localreg.view.sockets import family_of, ports_beyond_loopback
 
 sync_api = pytest.importorskip("playwright.sync_api")
 pytest.importorskip("envpool_assets")
@@ -136,8 +136,7 @@ def test_the_demo_is_seen_and_touched_in_a_browser(demo: tuple[Demo, Path]):
             until(is_marked, "the button of the panel does something")
             assert re.fullmatch(r"frame,seconds\n(\d+,\d+\.\d{3}\n)+", marks.read_text())
 
-            addresses = {
-                address for pid in family_of(playing.process.pid) for address, _ in listening(pid)
-            }
-            assert addresses == {"127.0.0.1"}
+            family = family_of(playing.process.pid)
+            assert len(family) >= 3  # the demo, the emulator, the view
+            assert not set().union(*map(ports_beyond_loopback, family))
             assert not failures

@@ -1,0 +1,59 @@
+"""`localreg run --view web`, as a child process: what is served, and for how long."""
+
+import http.client
+import re
+import signal
+from pathlib import Path
+
+import pytest
+from websockets.sync.client import connect
+from websockets.typing import Origin
+
+from localreg.live.config_files import find_config
+from localreg.live.view_options import usual_kind
+from tests.localreg.live.daemons import PATIENCE, daemon, eventually
+from tests.localreg.view.sockets import family_of, ports_beyond_loopback
+
+
+def test_a_run_is_seen_while_it_lasts(tmp_path: Path):
+    pytest.importorskip("envpool_assets")
+    config = tmp_path / "quiet.toml"
+    demo = find_config("demo").read_text()
+    config.write_text(demo[: demo.index("[[outputs]]")])
+    with daemon(config, "--view", "web", "--view-port", "0") as running:
+        port = eventually(
+            lambda: next(
+                (int(found[1]) for line in list(running.said)
+                 if (found := re.search(r"view: http://127\.0\.0\.1:(\d+)/", line))), 0
+            ) or running.has_ended,
+            "the address of the page",
+        )  # fmt: skip
+        assert not running.has_ended, running.said
+        address = f"http://127.0.0.1:{port}"
+        page = http.client.HTTPConnection("127.0.0.1", port, timeout=PATIENCE)
+        page.request("GET", "/")
+        assert page.getresponse().status == 200
+        page.close()
+        with connect(f"ws://127.0.0.1:{port}/state?sid=a", origin=Origin(address)) as state:
+            assert "viewers=1" in str(state.recv(PATIENCE))
+        running.runs_on()
+        family = family_of(running.process.pid)
+        assert not set().union(*map(ports_beyond_loopback, family))
+        assert running.stop(signal.SIGTERM) == 0
+    for pid in family:
+        assert (
+            not Path(f"/proc/{pid}/cmdline").exists()
+            or b"localreg" not in Path(f"/proc/{pid}/cmdline").read_bytes()
+        )
+
+
+@pytest.mark.parametrize(
+    ("display", "wayland", "kind"),
+    [("", "", "web"), (":0", "", "native"), ("", "wayland-0", "native")],
+)
+def test_a_window_needs_a_display(
+    monkeypatch: pytest.MonkeyPatch, display: str, wayland: str, kind: str
+):
+    monkeypatch.setenv("DISPLAY", display)
+    monkeypatch.setenv("WAYLAND_DISPLAY", wayland)
+    assert usual_kind() == kind
