@@ -96,7 +96,9 @@ def _beside(side: str, point: Point) -> Point:
 PLUG_IN_GAIT: Final = (*_MIDDLE, *(_beside(side, point) for side in "lr" for point in _PAIRED))
 """The markers of the Plug-in Gait set."""
 
-POINTS: Final = tuple(point.name for point in (*JOINT_CENTRES, *PLUG_IN_GAIT))
+_ALL: Final = (*JOINT_CENTRES, *PLUG_IN_GAIT)
+
+POINTS: Final = tuple(point.name for point in _ALL)
 """Names of all points that `points` gives: joint centres, then markers."""
 
 
@@ -104,18 +106,20 @@ def points(motion: Motion) -> Float[ndarray, "frames points 3"]:
     """Where all `POINTS` are in the world, frame by frame [m]."""
     turns = body_turns(motion.qpos, motion.subject)
     starts, _ = body_points(motion.qpos, motion.subject, turns)
+    bodies = [BODY_NAMES.index(point.body) for point in _ALL]
+    there = local_places(motion.subject)
+    return starts[:, bodies] + np.einsum("fpij,pj->fpi", turns[:, bodies], there)
+
+
+def local_places(subject: Subject) -> Float[ndarray, "points 3"]:
+    """Where all `POINTS` are in their bones' frames, from the bones' starts [m]."""
+    postures, scale = standing(subject), size(subject)
     places = []
-    for point in (*JOINT_CENTRES, *PLUG_IN_GAIT):
+    for point in _ALL:
         body = BODY_NAMES.index(point.body)
-        places.append(starts[:, body] + turns[:, body] @ local_place(point, motion.subject))
-    return np.stack(places, axis=1)
-
-
-def local_place(point: Point, subject: Subject) -> Float[ndarray, "3"]:
-    """Where a point is in its bone's frame, from the bone's start [m]."""
-    body = BODY_NAMES.index(point.body)
-    along = point.along * subject.offsets[body - 1] if body else np.zeros(3)
-    return along + size(subject) * standing(subject)[body].T @ np.array(point.offset)
+        along = point.along * subject.offsets[body - 1] if body else np.zeros(3)
+        places.append(along + scale * postures[body].T @ np.array(point.offset))
+    return np.array(places)
 
 
 def size(subject: Subject) -> float:

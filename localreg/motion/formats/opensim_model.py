@@ -23,7 +23,7 @@ from localreg.body.subject import Subject
 from localreg.motion.anatomical import FORWARD_UP_RIGHT, JOINTS, PELVIS, PELVIS_PLACE
 from localreg.motion.body_poses import PARENTS
 from localreg.motion.formats.opensim_tables import write_mot, write_trc
-from localreg.motion.markers import JOINT_CENTRES, PLUG_IN_GAIT, local_place
+from localreg.motion.markers import JOINT_CENTRES, PLUG_IN_GAIT, local_places
 from localreg.motion.motion import Motion
 from localreg.motion.postures import standing
 
@@ -80,11 +80,11 @@ def model(subject: Subject) -> ET.Element:
         above = f"/bodyset/{body_name(BODY_NAMES[parent])}"
         _add_joint(joints, joint.bone, above, place + ends[parent], signed)
     markers = ET.SubElement(ET.SubElement(root, "MarkerSet", name="markerset"), "objects")
-    for point in (*JOINT_CENTRES, *PLUG_IN_GAIT):
+    places = local_places(subject)
+    for point, place in zip((*JOINT_CENTRES, *PLUG_IN_GAIT), places, strict=True):
         marker = ET.SubElement(markers, "Marker", name=point.name)
         _text(marker, "socket_parent_frame", f"/bodyset/{body_name(point.body)}")
-        place = postures[BODY_NAMES.index(point.body)] @ local_place(point, subject)
-        _text(marker, "location", _vector(place))
+        _text(marker, "location", _vector(postures[BODY_NAMES.index(point.body)] @ place))
     return document
 
 
