@@ -1,14 +1,11 @@
 """Placing a whole body rigidly where the trackers are."""
 
-from typing import no_type_check
-
 import numpy as np
 from jaxtyping import Float
-from numba import njit
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
-from localreg.body.chain import Chain, conjugate, multiply, place_trackers, rotate
+from localreg.body.chain import Chain, place_trackers
 from localreg.synthesis.energy import Observation
 
 _POSITION_SCALE = 0.05  # a body placed rigidly fits positions to about this [m] ...
@@ -46,37 +43,6 @@ def align_root(
     R = U @ (np.array([1.0, 1.0, np.linalg.det(U @ Vt)])[:, None] * Vt)
     position = measured_center - R @ predicted_center if seen.any() else fallback[:3]
     return np.concatenate([position, Rotation.from_matrix(R).as_quat(scalar_first=True), angles])
-
-
-def snap_to_reference(
-    chain: Chain, qpos: Float[ndarray, "63"], observation: Observation, reference: int
-) -> Float[ndarray, "63"]:
-    """The pose moved rigidly so that its reference tracker is where it was measured.
-
-    Where that tracker is masked, the pose itself.
-    """
-    if not (observation.position_mask[reference] and observation.orientation_mask[reference]):
-        return qpos
-    positions, quaternions = place_trackers(chain, qpos)
-    return _snap(
-        qpos,
-        (positions[reference], quaternions[reference]),
-        (observation.positions[reference], observation.quaternions[reference]),
-    )
-
-
-@njit(cache=True)
-@no_type_check
-def _snap(qpos, predicted, measured):
-    """The pose moved rigidly so that what was predicted comes to where it was measured."""
-    snapped = qpos.copy()
-    back, turn, arm = np.empty(4), np.empty(4), np.empty(3)
-    conjugate(predicted[1], back)
-    multiply(measured[1], back, turn)
-    rotate(turn, qpos[:3] - predicted[0], arm)
-    snapped[:3] = measured[0] + arm
-    multiply(turn, qpos[3:7], snapped[3:7])
-    return snapped
 
 
 def _matrices(quaternions: Float[ndarray, "*k 4"]) -> Float[ndarray, "*k 3 3"]:

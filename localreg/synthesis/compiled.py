@@ -14,7 +14,6 @@ import numpy as np
 from numba import njit
 
 from localreg.body.chain import (
-    Placed,
     conjugate,
     difference,
     integrate,
@@ -172,20 +171,6 @@ def energy_at(chain, observation, control, belief, qpos, placed, errors, deviati
     return tracker_energy(errors[0], errors[1], observation, control) + _prior_energy(
         belief, qpos, deviation, pull
     )
-
-
-@njit(cache=True)
-@no_type_check
-def energy_of(chain, observation, control, belief, qpos):
-    """The energy of a pose."""
-    sites = len(chain.site_body)
-    placed = Placed(
-        np.empty((len(chain.parent), 3)), np.empty((len(chain.parent), 4)),
-        np.empty((len(qpos) - 7, 3)), np.empty((sites, 3)), np.empty((sites, 4)),
-    )  # fmt: skip
-    errors = np.zeros((sites, 3)), np.zeros((sites, 3))
-    room = np.empty(_TANGENT), np.empty(_TANGENT)
-    return energy_at(chain, observation, control, belief, qpos, placed, errors, room[0], room[1])
 
 
 @njit(cache=True)

@@ -142,15 +142,11 @@ class LocalRegression(Prior):
         """The drift as the solved pose has corrected it."""
         if expectation.drift is None or expectation.covariance is None:
             return None
+        drift, gain = expectation.drift
         moved = np.empty(TANGENT_SIZE)
         difference(expectation.belief.qpos, qpos, moved)
-        drift, gain = expectation.drift
-        corrected = Drift(
-            drift.mean + gain @ moved,
-            _corrected(drift.covariance, gain, expectation.covariance, covariance),
-            covariance @ gain.T,
-        )
-        return corrected if np.isfinite([part.sum() for part in corrected]).all() else None
+        corrected, finite = _correct(drift, gain, moved, expectation.covariance, covariance)
+        return Drift(*corrected) if finite else None
 
     def acquire(self, query: Query) -> Acquisition:
         """The pose regression's answer without a past, and some of the examples themselves."""
@@ -261,7 +257,11 @@ def _fuse(covariance, cross, pose, qpos, share):
 
 @njit(cache=True)
 @no_type_check
-def _corrected(drift, gain, before, after):
-    """Covariance of the drift once the pose's has shrunk."""
-    spread = drift - np.dot(gain, np.dot(before - after, gain.T))
-    return 0.5 * (spread + spread.T)
+def _correct(drift, gain, moved, before, after):
+    """The parts of a drift once the pose is known better, and whether they are numbers."""
+    mean = drift.mean + np.dot(gain, moved)
+    spread = drift.covariance - np.dot(gain, np.dot(before - after, gain.T))
+    spread = 0.5 * (spread + spread.T)
+    cross = np.dot(after, gain.T)
+    finite = np.isfinite(np.sum(mean) + np.sum(spread) + np.sum(cross))
+    return (mean, spread, cross), finite

@@ -26,7 +26,7 @@ from localreg.body.chain import Chain, blank_placed
 from localreg.body.kinematics import Kinematics, integrate
 from localreg.body.skeleton import TANGENT_SIZE
 from localreg.synthesis.belief import Belief, terms_of_belief
-from localreg.synthesis.compiled import Control, energy_of, minimize
+from localreg.synthesis.compiled import Control, minimize
 from localreg.synthesis.energy import Observation, Term, TrackerTerm, energy, linearize
 
 
@@ -81,11 +81,6 @@ class Solver(ABC):
     @abstractmethod
     def solve(self, problem: Problem, start: Float[ndarray, "63"], max_steps: int) -> Solution:
         """The best pose found from a start; never of higher energy than the start."""
-
-
-def pose_energy(problem: Problem, qpos: Float[ndarray, "63"]) -> float:
-    """The energy of a pose."""
-    return energy_of(problem.chain, problem.observation, problem.control, problem.belief, qpos)
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from localreg.body.skeleton import TANGENT_SIZE
 from localreg.body.subject import Subject
 from localreg.database.features import FeatureLayout, quaternions_to_matrices
 from localreg.database.neighbours import Query
-from localreg.synthesis.alignment import align_root, snap_to_reference
+from localreg.synthesis.alignment import align_root
 from localreg.synthesis.attention import Attention, listen, observe
 from localreg.synthesis.belief import Belief
 from localreg.synthesis.compiled import Control
@@ -28,7 +28,7 @@ from localreg.synthesis.estimator import Estimator, Pose, Result
 from localreg.synthesis.linear_algebra import positive_inverse
 from localreg.synthesis.prior import Expectation, Prior
 from localreg.synthesis.settings import Settings
-from localreg.synthesis.solver import SOLVERS, Problem, Solution, pose_energy
+from localreg.synthesis.solver import SOLVERS, Problem, Solution
 from localreg.synthesis.state import (
     State,
     blank_state,
@@ -145,15 +145,12 @@ class Synthesizer(Estimator[State]):
         return query, attention
 
     def _solve(self, state: State, observation: Observation, expectation: Expectation) -> Solution:
-        """The solver's answer, from the better of two starts."""
+        """The solver's answer."""
         problem = self._problem(observation, expectation.belief)
         expected = expectation.belief.qpos
         if not np.isfinite(expected).all():
             return self._stay(state, observation, expectation)
-        # Constant velocity and the reference tracker disagree when one of them is wrong.
-        snapped = snap_to_reference(self._chain, expected, observation, self._layout.reference)
-        start = min(expected, snapped, key=lambda qpos: pose_energy(problem, qpos))
-        return SOLVERS[self.settings.solver].solve(problem, start, self.settings.max_steps)
+        return SOLVERS[self.settings.solver].solve(problem, expected, self.settings.max_steps)
 
     def _stay(self, state: State, observation: Observation, expectation: Expectation) -> Solution:
         """The pose of the frame before: what is shown when a frame cannot be solved."""

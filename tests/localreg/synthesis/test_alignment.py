@@ -5,7 +5,7 @@ import pytest
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
-from localreg.synthesis.alignment import align_root, snap_to_reference
+from localreg.synthesis.alignment import align_root
 from tests.localreg.synthesis.planted import (
     ALL,
     BODY,
@@ -94,26 +94,3 @@ def test_a_mirrored_body_is_not_an_answer():
     residual = BODY.tracker_poses(qpos[None]).positions[0] - mirrored.positions
     # A body width off at most: a reflection taken for a rotation would be a body height off.
     assert np.linalg.norm(residual, axis=1).max() < 1.0
-
-
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_snapping_puts_the_reference_tracker_where_it_was_measured(sign):
-    truth, qpos = standing_pose(5), standing_pose(105)
-    observation = observe(truth)
-    observation = observation._replace(quaternions=sign * observation.quaternions)
-    moved = snap_to_reference(CHAIN, qpos, observation, TORSO)
-    np.testing.assert_array_equal(moved[7:], qpos[7:])
-    ours, theirs = (BODY.tracker_poses(q[None]) for q in (moved, truth))
-    np.testing.assert_allclose(ours.positions[0, TORSO], theirs.positions[0, TORSO], atol=1e-9)
-    quaternions = ours.quaternions[0, TORSO], theirs.quaternions[0, TORSO]
-    assert abs(np.dot(*quaternions)) == pytest.approx(1.0)
-
-
-@pytest.mark.parametrize(
-    ("positions", "orientations"), [(~only(TORSO), ALL), (ALL, ~only(TORSO)), (NONE, NONE)]
-)
-def test_snapping_needs_the_whole_reference_tracker(positions, orientations):
-    truth, qpos = standing_pose(6), standing_pose(106)
-    observation = observe(truth, positions, orientations)
-    moved = snap_to_reference(CHAIN, qpos, observation, TORSO)
-    np.testing.assert_array_equal(moved, qpos)

@@ -106,7 +106,7 @@ def test_what_is_remembered_is_a_covariance(localreg, trackers):
         scale = 1.0 / np.sqrt(np.diagonal(whole))
         correlations = scale[:, None] * whole * scale
         np.testing.assert_allclose(correlations, correlations.T, atol=1e-6)
-        assert np.linalg.eigvalsh(correlations)[0] > -1e-6
+        assert np.linalg.eigvalsh(correlations)[0] > -1e-5  # regressions are single precision
 
 
 def test_a_drift_that_is_not_finite_is_forgotten(localreg, prior, trackers):
