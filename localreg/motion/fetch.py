@@ -7,10 +7,12 @@ that was fetched. What is there and sound is not fetched again; what differs fro
 checksum is, and a server that has something else now is an error, not a silent change.
 """
 
+import queue
+import threading
 import time
 import zipfile
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any, Final
@@ -197,28 +199,56 @@ def fetch(
         return path.stat().st_mtime_ns != before
 
     said = time.monotonic()
-    with ThreadPoolExecutor(source.connections, thread_name_prefix="fetch") as pool:
-        running = {pool.submit(get, name): name for name in names}
-        try:
-            done = 0
-            while running:
-                for future in wait(running, return_when=FIRST_COMPLETED).done:
-                    name = running.pop(future)
-                    _settle(name, future, folder, source, lock, report)
-                    done += 1
-                    tell(done, len(names), name)
-                if time.monotonic() - said > _EVERY:
-                    lock.save()
-                    said = time.monotonic()
-        except BaseException:
-            downloader.stop()
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-        finally:
-            lock.save()
+    try:
+        results = _at_once(names, get, source.connections)
+        for done, (name, future) in enumerate(results, start=1):
+            _settle(name, future, folder, source, lock, report)
+            tell(done, len(names), name)
+            if time.monotonic() - said > _EVERY:
+                lock.save()
+                said = time.monotonic()
+    finally:
+        downloader.stop()
+        lock.save()
     _clean(folder)
     _write_rates(trials, folder)
     return report
+
+
+def _at_once(
+    names: Sequence[str], get: Callable[[str], bool], workers: int
+) -> Iterator[tuple[str, Future[bool]]]:
+    """Every name with what `get` said of it, as it comes, some at a time.
+
+    The threads are daemons: whoever interrupts the program need not wait for a server that
+    stalls.
+    """
+    waiting: queue.SimpleQueue[str] = queue.SimpleQueue()
+    finished: queue.SimpleQueue[tuple[str, Future[bool]]] = queue.SimpleQueue()
+    is_over = threading.Event()
+    for name in names:
+        waiting.put(name)
+
+    def work() -> None:
+        while not is_over.is_set():
+            try:
+                name = waiting.get_nowait()
+            except queue.Empty:
+                return
+            future: Future[bool] = Future()
+            try:
+                future.set_result(get(name))
+            except Exception as error:
+                future.set_exception(error)
+            finished.put((name, future))
+
+    for number in range(workers):
+        threading.Thread(target=work, name=f"fetch-{number}", daemon=True).start()
+    try:
+        for _ in names:
+            yield finished.get()
+    finally:
+        is_over.set()
 
 
 def fetch_all(

@@ -14,6 +14,7 @@ from localreg.motion.markers import JOINT_CENTRES, PLUG_IN_GAIT, POINTS, points
 from localreg.motion.motion import Motion
 
 _BYTES: Final = 16  # of one point in one frame: x, y, z and the residual
+_MOST_FRAMES: Final = 65_535  # readers take the count from 16 bits
 _DESCRIBED: Final = ("joint centre",) * len(JOINT_CENTRES) + ("marker on the body model",) * len(
     PLUG_IN_GAIT
 )
@@ -23,7 +24,7 @@ def write(motion: Motion, path: Path) -> None:
     """Write a motion's joint centres and markers as a C3D file.
 
     Raises:
-        MotionError: ezc3d is not installed.
+        MotionError: ezc3d is not installed, or C3D cannot count the frames.
         OSError: the disk did not take the file.
     """
     try:
@@ -32,6 +33,11 @@ def write(motion: Motion, path: Path) -> None:
         raise MotionError(
             "C3D files need ezc3d, which is not installed; install localreg-mocap[c3d]"
         ) from error
+    if len(motion) > _MOST_FRAMES:
+        raise MotionError(
+            f"motion {motion.provenance.name} has {len(motion)} frames, of which C3D can hold "
+            f"{_MOST_FRAMES}; cut it or lower its rate"
+        )
     places = 1000.0 * points(motion)
     file = ezc3d.c3d()
     point = file["parameters"]["POINT"]

@@ -1,6 +1,7 @@
 """C3D by ezc3d; OpenSim's tables and model by a parser that follows OpenSim's layout alone."""
 
 import sys
+from dataclasses import replace
 from xml.etree import ElementTree as ET
 
 import ezc3d
@@ -44,6 +45,14 @@ def test_ezc3d_reads_every_point(motion, tmp_path):
     places = file["data"]["points"][:3].transpose(2, 1, 0) / 1000.0
     np.testing.assert_allclose(places, points(motion), atol=1e-6)
     assert np.all(file["data"]["meta_points"]["residuals"] >= 0.0)
+
+
+def test_more_frames_than_c3d_can_count_are_refused(tmp_path):
+    motion = make_calm_motion(5, count=2)
+    long = replace(motion, qpos=np.tile(motion.qpos, (32_768, 1)))
+    with pytest.raises(MotionError, match="65535; cut it"):
+        write_motion(long, tmp_path / "x.c3d")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_joint_centres_are_where_bones_meet(motion):
