@@ -7,8 +7,9 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from localreg.body.model import build_model, end_site
-from localreg.body.skeleton import BODY_NAMES
+from localreg.body.model import UPRIGHT, build_model, end_site
+from localreg.body.skeleton import BODY_NAMES, QPOS_SIZE
+from localreg.body.subject import Subject
 from localreg.motion.motion import Motion
 
 SOLE: Final = 0.035
@@ -35,6 +36,14 @@ def end_heights(motion: Motion, most: int | None = None) -> Float[ndarray, "fram
         ends = data.site_xpos[sites, 2]
         heights[row] = ends.min(), ends.max()
     return heights
+
+
+def standing_height(subject: Subject) -> float:
+    """From the soles to the top of the head of a body that stands upright [m]."""
+    qpos = np.zeros((1, QPOS_SIZE))
+    qpos[0, 3:7] = UPRIGHT
+    low, high = end_heights(Motion(qpos, 1.0, subject))[0]
+    return float(high - low) + 2 * SOLE
 
 
 def floor_under(heights: Float[ndarray, "frames 2"]) -> float:

@@ -26,12 +26,15 @@ _VIEWS: Final[dict[Preset, tuple[float, float]]] = {
     "top": (0.0, -89.0),
 }
 
-_TALL: Final = 2.15  # what a picture shows from bottom to top at the body: a person and air [m]
-_WIDE: Final = 1.5  # and from left to right at least, for spread arms [m]
-_MIDDLE: Final = 0.92  # height above the floor that is looked at [m]
+USUAL_HEIGHT: Final = 1.8
+"""Of a body whose height nobody tells [m]."""
+
+_AIR: Final = 1.36  # what a picture shows from bottom to top at the body, in its heights
+_SPREAD: Final = 1.0  # and from left to right at least, for arms
+_MIDDLE: Final = 0.51  # height above the floor that is looked at, in the body's
 _USUAL: Final = (0.45, 1.15)  # heights of the root at which the camera stays at its height [m]
 _HALF_FIELD: Final = math.tan(math.radians(22.5))  # of MuJoCo's free camera, vertically
-_MOVES_IN: Final = 0.25  # how soon the camera has followed the body [s]
+_MOVES_IN: Final = 0.15  # how soon the camera has followed the body [s]
 _TURNS_IN: Final = 1.2  # how soon it has turned after it [s]
 _LEANING: Final = 0.35  # a root whose face is steeper than this tells no direction
 
@@ -51,6 +54,7 @@ def look_from(
     qpos: Float[ndarray, "63"],
     *,
     aspect: float = 16 / 9,
+    height: float = USUAL_HEIGHT,
     facing: float | None = None,
 ) -> Camera:
     """The camera of a preset, with the whole body in the picture.
@@ -59,18 +63,26 @@ def look_from(
         preset: from where.
         qpos: the body.
         aspect: width over height of the picture.
+        height: of the body when it stands upright [m].
         facing: which way the body faces where the pose does not tell [rad].
     """
     found = heading(qpos)
     direction = found if found is not None else (facing if facing is not None else -math.pi / 2)
     turn, elevation = _VIEWS[preset]
-    tall = max(_TALL, _WIDE / aspect)
+    tall = height * max(_AIR, _SPREAD / aspect)
     distance = 0.5 * tall / _HALF_FIELD
-    return Camera(_target(qpos), direction + math.radians(turn), math.radians(elevation), distance)
+    return Camera(
+        _target(qpos, height), direction + math.radians(turn), math.radians(elevation), distance
+    )
 
 
 def followed(
-    camera: Camera, qpos: Float[ndarray, "63"], elapsed: float, *, turning: bool
+    camera: Camera,
+    qpos: Float[ndarray, "63"],
+    elapsed: float,
+    *,
+    turning: bool,
+    height: float = USUAL_HEIGHT,
 ) -> Camera:
     """The camera a little later: it goes after the body, softly.
 
@@ -79,12 +91,13 @@ def followed(
         qpos: the body.
         elapsed: since then [s].
         turning: whether it also turns with the body, as `follow` does.
+        height: of the body when it stands upright [m].
     """
     if elapsed <= 0.0:
         return camera
     moved = 1.0 - math.exp(-elapsed / _MOVES_IN)
     here = np.asarray(camera.target)
-    x, y, z = here + moved * (np.asarray(_target(qpos)) - here)
+    x, y, z = here + moved * (np.asarray(_target(qpos, height)) - here)
     azimuth = camera.azimuth
     facing = heading(qpos)
     if turning and facing is not None:
@@ -94,8 +107,8 @@ def followed(
     return replace(camera, target=(float(x), float(y), float(z)), azimuth=azimuth)
 
 
-def _target(qpos: Float[ndarray, "63"]) -> tuple[float, float, float]:
+def _target(qpos: Float[ndarray, "63"], height: float) -> tuple[float, float, float]:
     x, y, z = (float(value) for value in qpos[:3])
     low, high = _USUAL
     # Up and down goes only who leaves the ground or lies on it.
-    return x, y, _MIDDLE + max(0.0, z - high) + 0.5 * min(0.0, z - low)
+    return x, y, _MIDDLE * height + max(0.0, z - high) + 0.5 * min(0.0, z - low)

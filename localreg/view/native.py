@@ -16,6 +16,7 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 
+from localreg.drawing.ground import standing_height
 from localreg.drawing.offscreen import Camera
 from localreg.errors import LocalregError
 from localreg.view.cameras import followed, look_from
@@ -116,6 +117,7 @@ class _Window:
         self._camera: Camera | None = None
         self._aimed = controls.aimed
         self._then = 0.0
+        self._height = standing_height(source.subject)
         moment = source.newest()
         if moment is not None:
             stage.place(self.data, moment, controls.style)
@@ -153,11 +155,15 @@ class _Window:
         elapsed, self._then = now - self._then, now
         chosen, self._aimed = self._controls.aimed != self._aimed, self._controls.aimed
         if self._camera is None or chosen or moment.is_start:
-            self._camera = look_from(self._controls.preset or "follow", moment.qpos)
+            self._camera = look_from(
+                self._controls.preset or "follow", moment.qpos, height=self._height
+            )
         else:
             by_hand = self._taken_over(self._camera, view)
             turning = self._controls.preset == "follow"
-            self._camera = followed(by_hand, moment.qpos, elapsed, turning=turning)
+            self._camera = followed(
+                by_hand, moment.qpos, elapsed, turning=turning, height=self._height
+            )
         wanted = self._camera.to_mujoco()
         view.type = mujoco.mjtCamera.mjCAMERA_FREE
         view.lookat[:], view.distance = wanted.lookat, wanted.distance

@@ -19,6 +19,7 @@ from jaxtyping import Float, UInt8
 from numpy import ndarray
 from PIL import Image
 
+from localreg.drawing.ground import standing_height
 from localreg.drawing.looks import show_look
 from localreg.drawing.offscreen import Camera, Drawing, open_canvas
 from localreg.drawing.scene import BLUE, Color
@@ -98,6 +99,7 @@ class Studio:
         if not features:
             raise LocalregError("there is nobody to take a picture of")
         self.shot = shot or Shot()
+        self._height = max(standing_height(f.footage.motion.subject) for f in features)
         self._views: list[_View] = []
         self._stack = ExitStack()
         gaps = _GAP * (len(features) - 1)
@@ -131,7 +133,7 @@ class Studio:
         The camera goes after the body from picture to picture; when time runs backwards or
         jumps it is put in place anew.
         """
-        camera = self._views[0].aim(time)
+        camera = self._views[0].aim(time, self._height)
         pictures = [view.picture(time, camera) for view in self._views]
         whole = np.full((self.shot.height, self.shot.width, 3), 255, dtype=np.uint8)
         left = 0
@@ -237,16 +239,16 @@ class _View:
     def close(self) -> None:
         self._canvas.close()
 
-    def aim(self, time: float) -> Camera:
-        """The camera at a time, for every view of the picture."""
+    def aim(self, time: float, height: float) -> Camera:
+        """The camera at a time, for every view of the picture, with bodies so high [m]."""
         shot, qpos = self._shot, self._qpos(time)
         elapsed = time - self._time
         if self._camera is None or not 0.0 <= elapsed <= 0.5:
             aspect = self._canvas.width / self._canvas.height
-            self._camera = look_from(shot.camera, qpos, aspect=aspect)
+            self._camera = look_from(shot.camera, qpos, aspect=aspect, height=height)
         else:
             turning = shot.camera == "follow"
-            self._camera = followed(self._camera, qpos, elapsed, turning=turning)
+            self._camera = followed(self._camera, qpos, elapsed, turning=turning, height=height)
         self._time = time
         return self._camera
 

