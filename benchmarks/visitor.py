@@ -8,8 +8,10 @@ elsewhere falls to the graphics hardware of another machine.
 """
 
 import asyncio
+import math
 import struct
 import time
+from dataclasses import dataclass
 from typing import Annotated, Final
 
 import typer
@@ -27,6 +29,7 @@ _HELLO: Final = struct.pack(
     "<IB3x64s16s16sIIIB3x", 120, 0, b"visitor", b"1.92.9b", b"1.13.0", 18, 19291, 11300, 2
 )
 _INPUT_SIZE: Final = 616
+_MOMENT: Final = 0.2
 
 
 def input_packet(frames_per_second: float) -> bytes:
@@ -37,12 +40,13 @@ def input_packet(frames_per_second: float) -> bytes:
     return bytes(packet)
 
 
-async def visit(url: str, seconds: float) -> tuple[int, int]:
-    """Stay for so long.
+async def visit(url: str, seconds: float, enough: float = math.inf) -> tuple[int, int]:
+    """Stay for so long, or until enough has come.
 
     Args:
         url: of the page.
-        seconds: how long [s].
+        seconds: how long at most [s].
+        enough: states and pieces of panels after which to leave.
 
     Returns:
         States of the body and pieces of panels that came.
@@ -56,37 +60,60 @@ async def visit(url: str, seconds: float) -> tuple[int, int]:
         connect(f"{sockets}/ui?sid=v", origin=origin, compression=None, max_size=None) as panels,
     ):
         await panels.send(_HELLO)
-        counts = [0, 0]
-        await asyncio.gather(
-            _acknowledge(state, end, counts), _take(panels, end, counts), _ask(panels, end)
-        )
-    return counts[0], counts[1]
+        seen = Seen(end, enough)
+        await asyncio.gather(_acknowledge(state, seen), _take(panels, seen), _ask(panels, seen))
+    return seen.states, seen.pieces
 
 
-async def _acknowledge(state: ClientConnection, end: float, counts: list[int]) -> None:
-    while (left := end - time.monotonic()) > 0.0:
-        try:
-            message = await asyncio.wait_for(state.recv(), left)
-        except TimeoutError:
-            return
+@dataclass
+class Seen:
+    """What has come, and how long to stay.
+
+    Attributes:
+        end: when to leave [s].
+        enough: states and pieces after which to leave before.
+        states: of the body.
+        pieces: of panels.
+    """
+
+    end: float
+    enough: float
+    states: int = 0
+    pieces: int = 0
+
+    @property
+    def left(self) -> float:
+        """How long to stay yet [s]."""
+        if min(self.states, self.pieces) >= self.enough:
+            return 0.0
+        return max(0.0, self.end - time.monotonic())
+
+
+async def _acknowledge(state: ClientConnection, seen: Seen) -> None:
+    while seen.left:
+        message = await _next(state)
         if isinstance(message, bytes):
-            counts[0] += 1
+            seen.states += 1
             await state.send("state_ack")
 
 
-async def _take(panels: ClientConnection, end: float, counts: list[int]) -> None:
-    while (left := end - time.monotonic()) > 0.0:
-        try:
-            await asyncio.wait_for(panels.recv(), left)
-        except TimeoutError:
-            return
-        counts[1] += 1
+async def _take(panels: ClientConnection, seen: Seen) -> None:
+    while seen.left:
+        seen.pieces += await _next(panels) is not None
 
 
-async def _ask(panels: ClientConnection, end: float) -> None:
-    while time.monotonic() < end:
+async def _ask(panels: ClientConnection, seen: Seen) -> None:
+    while seen.left:
         await panels.send(input_packet(RATE))
         await asyncio.sleep(1.0 / RATE)
+
+
+async def _next(connection: ClientConnection) -> str | bytes | None:
+    """The next message; None if none comes for a moment."""
+    try:
+        return await asyncio.wait_for(connection.recv(), _MOMENT)
+    except TimeoutError:
+        return None
 
 
 def main(

@@ -80,7 +80,7 @@ class LiveView:
             options.kind,
             host=options.host,
             port=options.port,
-            ghost=ghost_at is not None,
+            takes=options.takes,
             commands=tuple(self._do),
             on_command=self._obey,
             on_end=tell,

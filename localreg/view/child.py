@@ -37,8 +37,9 @@ class LiveSource(Source):
     def __init__(self, setup: dict[str, Any], frames: Slot, about: Slot, say: TextIO) -> None:
         subject = read_subject(Path(setup["subject"]))
         self.subject = subject.with_trackers(tuple(setup["trackers"]))
-        self.ghost = self.subject if setup["ghost"] else None
+        self.ghost = self.subject  # for whatever there is to be compared with
         self.commands = tuple(name for name in COMMANDS if name in setup["commands"])
+        self.folder = Path(setup["folder"])
         self._frames, self._about_slot, self._say = frames, about, say
         self._about = About()
         self._observer = Observer(self.subject)

@@ -9,6 +9,9 @@ from abc import ABC, abstractmethod
 from importlib.metadata import entry_points
 from typing import Final
 
+from jaxtyping import Float
+from numpy import ndarray
+
 from localreg.view.cameras import Preset
 from localreg.view.history import History
 from localreg.view.moment import Moment
@@ -31,6 +34,7 @@ class Desk:
         camera: the preset that somebody asks for; None once it was obeyed.
         moment: what is being shown; None before the first.
         history: the last seconds.
+        target: a pose to be taken, shown as the ghost; None for none.
         is_new: whether the moment came since the last drawing.
     """
 
@@ -39,6 +43,7 @@ class Desk:
         self.style = Style()
         self.camera: Preset | None = None
         self.moment: Moment | None = None
+        self.target: Float[ndarray, 63] | None = None
         self.history = History(len(source.subject.trackers))
         self.is_new = False
 

@@ -46,6 +46,8 @@ class BodyPlugin(plugin.ViewerPlugin):
         show_look(viewer.vis_options, desk.style.look)
         if moment is None:
             return
+        if desk.target is not None:
+            moment = replace(moment, ghost=desk.target, ghost_name="target")
         if desk.camera is not None:
             self._camera_man.place(desk.camera, moment)
             desk.camera = None

@@ -35,7 +35,7 @@ class ViewProcess:
         kind: page or window.
         host: where a page is served.
         port: None for the first free one from 8080 on, 0 for any.
-        ghost: whether there will be a body to compare with.
+        takes: folder of files that somebody asks for on the page.
         commands: what buttons may ask for.
         on_command: called with what a button asked for, in a thread of its own.
         on_end: called with the reason if the view ends before it is closed.
@@ -48,7 +48,7 @@ class ViewProcess:
         *,
         host: str = "127.0.0.1",
         port: int | None = None,
-        ghost: bool = False,
+        takes: Path = Path("takes"),
         commands: Collection[Command] = (),
         on_command: Callable[[Command], None] = lambda name: None,
         on_end: Callable[[str], None] = lambda reason: None,
@@ -67,7 +67,7 @@ class ViewProcess:
                 "port": port,
                 "subject": str(folder / "subject.toml"),
                 "trackers": list(subject.trackers),
-                "ghost": ghost,
+                "folder": str(takes),
                 "commands": [name for name in COMMANDS if name in self._commands],
             }
             self._frames, frames_fd = Slot.create(glimpse_size(len(subject.trackers)))

@@ -1,6 +1,7 @@
 """Where a view's moments come from, and what may be asked of that place."""
 
 from abc import ABC, abstractmethod
+from pathlib import Path
 from typing import Final, Literal, get_args
 
 from localreg.body.subject import Subject
@@ -21,12 +22,14 @@ class Source(ABC):
         subject: whose body is shown.
         ghost: whose body it is compared with, or None.
         commands: what may be asked of it.
+        folder: where files go that somebody asks for; None for nowhere.
         transport: how it is played, if it is a file.
     """
 
     subject: Subject
     ghost: Subject | None = None
     commands: tuple[Command, ...] = ()
+    folder: Path | None = None
     transport: Deck | None = None
 
     @abstractmethod

@@ -1,14 +1,17 @@
 """What panels are told and what they keep, without any window."""
 
+import asyncio
 import math
 import os
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from benchmarks.visitor import visit
 from localreg.body.skeleton import BONES, DOF_NAMES
 from localreg.body.subject import canonical_subject
 from localreg.view.feed import About, Glimpse, glimpse_size, moment_of, pack, unpack
@@ -231,3 +234,19 @@ def test_a_view_that_is_killed_is_told_of_and_costs_nothing():
         process.join(30.0)
         process.show(glimpse())
         assert told == ["the view ended; the motion goes on without it"]
+
+
+@pytest.mark.parametrize("kind", [[], ["file"]])
+def test_every_panel_can_be_drawn(kind: list[str], tmp_path: Path):
+    pipe = subprocess.PIPE
+    command = [sys.executable, "-m", "tests.localreg.view.all_panels", str(tmp_path), *kind]
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True) as process:
+        assert process.stdout is not None
+        url = process.stdout.readline().strip()
+        assert url, process.communicate()[1]
+        states, pieces = asyncio.run(visit(url, seconds=60.0, enough=40))
+        _, said = process.communicate(timeout=60)
+    assert process.returncode == 0, said
+    assert states >= 40
+    assert pieces >= 40
+    assert not said
