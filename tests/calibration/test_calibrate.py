@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from io import StringIO
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,15 +12,19 @@ from scipy.spatial.transform import Rotation
 from calibration.calibrate import calibrate
 from calibration.eigen_skeleton import find_skeletons, learn
 from calibration.holds import Hold
+from calibration.panel import WizardPanel
 from calibration.poses import EIGHT_POSES, with_swapped
 from calibration.report import findings_lines, lengths_table, mounts_table, summary_lines
 from calibration.result import QUANTILE_90, REPORTED, nine_deviations, nine_lengths
 from calibration.screening import Kind
 from calibration.setup import true_lengths
 from calibration.simulated import held, perform, random_person
+from calibration.wizard import State
 from localreg.body.skeleton import DOF_NAMES
 from localreg.body.subject import Mount, read_subject, write_subject
 from localreg.errors import LocalregError
+from localreg.view.panels import Desk
+from tests.calibration.before_the_view import PATIENCE, SETTINGS, Person, hold
 from tests.calibration.people import PERFECT, PRIOR, TRACKERS, USUAL, lengths, somebody
 
 MUST_BE_OBSERVABLE = ("thigh", "shank", "upper arm", "forearm")
@@ -264,3 +269,31 @@ def test_people_from_real_files_are_found(motions_dir):
     holds = held(person, EIGHT_POSES, perform(person, EIGHT_POSES, USUAL, rng), USUAL, rng)
     result = calibrate(holds, TRACKERS, prior).result
     assert np.abs(nine_lengths(result.groups) / nine_lengths(people["03"]) - 1).mean() < 0.025
+
+
+def test_somebody_is_calibrated_before_the_view(tmp_path: Path):
+    seed = 1
+    worn, qpos, _ = somebody(seed)
+    person = Person(tmp_path / "takes", worn)
+    desk, panel = Desk(person), WizardPanel(settings=SETTINGS)
+    panel.begin(desk)
+    assert panel.wizard is not None
+    before = qpos[0]
+    for number, pose in enumerate(qpos):
+        assert panel.wizard.snapshot().number == number + 1
+        hold(panel, desk, person, before, pose)
+        before = pose
+    assert panel.wizard.state is State.DONE
+    assert desk.target is None
+    panel.join(PATIENCE)
+    hold(panel, desk, person, before, before)
+    assert "begin the next run with it" in panel.words
+    (file,) = (tmp_path / "takes").iterdir()
+    assert file.name in panel.words
+    assert str(tmp_path) not in panel.words
+    found = read_subject(file)
+    assert found.trackers == worn.trackers
+    truth = np.linalg.norm(worn.offsets, axis=1)
+    long = truth > 0.1
+    errors = np.abs(np.linalg.norm(found.offsets, axis=1)[long] / truth[long] - 1.0)
+    assert errors.mean() < 0.05

@@ -22,7 +22,7 @@ sync_api = pytest.importorskip("playwright.sync_api")
 pytest.importorskip("envpool_assets")
 
 PATIENCE = 120.0
-SIZE = (900, 560)
+SIZE = (800, 480)
 PANEL = 380
 """Width of the side window with its margins [pixels]."""
 
@@ -106,6 +106,7 @@ def test_the_demo_is_seen_and_touched_in_a_browser(demo: tuple[Demo, Path]):
         browser = playwright.chromium.launch(executable_path=BROWSER, args=list(FLAGS))
         with contextlib.closing(browser):
             page = browser.new_page(viewport={"width": SIZE[0], "height": SIZE[1]})
+            page.set_default_timeout(1e3 * PATIENCE)
             failures: list[str] = []
             page.on("pageerror", lambda error: failures.append(str(error)))
             page.goto(url)
