@@ -6,6 +6,7 @@ large ones only for those of the clusters nearest to the query, so that the time
 hardly grows with the database; the answer depends on nothing but the query.
 """
 
+import copy
 import threading
 from collections.abc import Sequence
 from typing import Final
@@ -79,12 +80,16 @@ class BlockSearch(NeighbourSearch):
         """Whether no neighbour can be missing."""
         return self._probes == len(self._blocks.cluster_center)
 
+    def made_exact(self) -> "BlockSearch":
+        """The same search with no neighbour missing."""
+        other = copy.copy(self)
+        other._probes = len(self._blocks.cluster_center)
+        other._room = threading.local()
+        return other
+
     def search(self, query: Query, count: int, without: int = -1) -> Neighbours:
         """The `count` nearest allowed poses, those of one recording left out if wanted."""
-        available = int(self._available.sum())
-        if without >= 0:
-            available -= int(self._available[without])
-        wanted = min(count, available)
+        wanted = min(count, self.available(without))
         if not wanted:
             raise ValueError("no pose may be found")
         room = self._scratch()
@@ -102,6 +107,11 @@ class BlockSearch(NeighbourSearch):
             rows = np.concatenate([rows, np.resize(rows, extra)])
             squared = np.concatenate([squared, np.full(extra, np.inf)])
         return Neighbours(rows, squared)
+
+    def available(self, without: int = -1) -> int:
+        """How many poses may be found when one recording is left out."""
+        found = int(self._available.sum())
+        return found - int(self._available[without]) if without >= 0 else found
 
     def squared_distances(self, queries: Sequence[Query]) -> Float32[ndarray, "Q N"]:
         """Distances of all poses to each of some queries; infinite where not allowed."""
