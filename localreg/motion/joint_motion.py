@@ -3,6 +3,7 @@
 What readers of foreign files make and what `localreg.motion.retarget` takes.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final, Self
 
@@ -71,13 +72,16 @@ class JointMotion:
             where only places are known.
         rate: frames a second [Hz].
         notes: what had to be assumed or mended.
+        turns: how bones of ours (or `"root"`) are turned in the world, where the file tells
+            it otherwise than by its joints.
     """
 
     tree: SkeletonTree
     positions: Float[ndarray, "frames joints 3"]
     rotations: Float[ndarray, "frames joints 3 3"] | None
     rate: float
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
+    turns: Mapping[str, Float[ndarray, "frames 3 3"]] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.positions)
@@ -89,19 +93,28 @@ class JointMotion:
             metres_per_unit: length of the file's unit [m].
             up: the axis that points up in the file, `"y"` or `"z"`.
         """
-        turn = UP_AXES[up]
         rest = self.tree.rest
-        return replace(
+        scaled = replace(
             self,
             tree=replace(self.tree, rest=None if rest is None else rest * metres_per_unit),
-            positions=metres_per_unit * self.positions @ turn.T,
+            positions=metres_per_unit * self.positions,
+        )
+        return scaled.turned(UP_AXES[up])
+
+    def turned(self, turn: Float[ndarray, "3 3"]) -> Self:
+        """The same motion in a turned world; the rest pose stays as it is."""
+        return replace(
+            self,
+            positions=self.positions @ turn.T,
             rotations=None if self.rotations is None else turn @ self.rotations,
+            turns={bone: turn @ own for bone, own in self.turns.items()},
         )
 
     def from_frame(self, first: int) -> Self:
         """The same motion without the frames before one."""
         rotations = None if self.rotations is None else self.rotations[first:]
-        return replace(self, positions=self.positions[first:], rotations=rotations)
+        turns = {bone: own[first:] for bone, own in self.turns.items()}
+        return replace(self, positions=self.positions[first:], rotations=rotations, turns=turns)
 
 
 def nearest_unit(length: float, usual: float) -> tuple[str, float]:

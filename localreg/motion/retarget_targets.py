@@ -208,6 +208,9 @@ class _Work:
         across = _units(self._start("lfemur") - self._start("rfemur"))
         spine = _units(self._trunk_top() - (self._start("lfemur") + self._start("rfemur")) / 2.0)
         turns = self.motion.rotations
+        if "root" in self.motion.turns:
+            self.turns["root"] = self.motion.turns["root"]
+            return
         if turns is None:
             self.turns["root"] = _frames(across, spine)
             return
@@ -230,6 +233,9 @@ class _Work:
     def _turn_trunk(self, bone: str) -> None:
         parent = self._parent_turn(bone)
         turns = self.motion.rotations
+        if bone in self.motion.turns:
+            self.turns[bone] = self.motion.turns[bone]
+            return
         if turns is not None and bone in self.starts:
             own = turns[:, self.starts[bone]]
             if self.frames_of_rest is not None:
@@ -346,7 +352,7 @@ class _Work:
         return self.turns["root" if index < 0 else BONE_NAMES[index]]
 
     def _trust(self, bone: str) -> float:
-        if bone == "root":
+        if bone == "root" or bone in self.motion.turns:
             return _OWN
         if bone[1:] == "wrist":
             return _OWN if bone in self.starts else _FREE

@@ -9,7 +9,7 @@ from localreg.motion.ids import normal_trial, subject_of_trial
 from localreg.motion.joint_motion import JointMotion, SkeletonTree
 from localreg.motion.motion import Motion, Provenance
 from localreg.motion.retarget import map_joints, retarget
-from localreg.motion.skeleton_maps import SkeletonMap
+from localreg.motion.skeleton_maps import BoneMap, SkeletonMap
 
 
 def read_foreign(
@@ -20,7 +20,6 @@ def read_foreign(
     *,
     metres_per_unit: float | None = None,
     up: str | None = None,
-    name: str = "",
 ) -> Motion:
     """The motion of a file with a foreign skeleton.
 
@@ -31,7 +30,6 @@ def read_foreign(
         load: how some of them move, in the file's units and axes.
         metres_per_unit: the unit that the format says, if it does [m].
         up: the axis that points up by the format, if it says so.
-        name: of the clip, where a file holds several.
 
     Raises:
         MotionError: the joints are no body's.
@@ -39,10 +37,31 @@ def read_foreign(
     try:
         own = None if options.skeleton_map is None else SkeletonMap.load(options.skeleton_map)
         found = map_joints(tree, own)
-        person = subject_of_trial(path.stem)
+    except MotionError as error:
+        raise MotionError(f"{path}: {error}") from error
+    motion = load(found.joints)
+    return settle(path, options, motion, found.renumbered(), metres_per_unit=metres_per_unit, up=up)
+
+
+def settle(
+    path: Path,
+    options: ReadOptions,
+    motion: JointMotion,
+    found: BoneMap,
+    *,
+    metres_per_unit: float | None = None,
+    up: str | None = None,
+) -> Motion:
+    """The motion of joints whose bones are known, as `read_foreign` makes it.
+
+    Raises:
+        MotionError: the joints are not where a body's could be.
+    """
+    person, trial = subject_of_trial(path.stem), normal_trial(path.stem)
+    try:
         made = retarget(
-            load(found.joints),
-            found.renumbered(),
+            motion,
+            found,
             person or path.stem,
             metres_per_unit=options.metres_per_unit or metres_per_unit,
             up=options.up or up,
@@ -50,7 +69,6 @@ def read_foreign(
         )
     except MotionError as error:
         raise MotionError(f"{path}: {error}") from error
-    trial = normal_trial(name or path.stem)
     provenance = Provenance(
         name=trial,
         subject=person,

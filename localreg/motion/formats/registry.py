@@ -80,6 +80,9 @@ class Format:
 
 _FAMILIES: Final = ("cmu", "mixamo", "vrm")  # `joint_trees.FAMILIES`, without importing it
 
+_POINTS: Final = "localreg.motion.formats.markers_read"
+_OPENSIM: Final = "localreg.motion.formats.opensim_tables"
+
 FORMATS: Final = (
     Format("Acclaim", (".amc",), "localreg.motion.formats.asf_amc", carries_rate=False),
     Format(
@@ -90,8 +93,12 @@ FORMATS: Final = (
         families=_FAMILIES,
     ),
     Format("glTF", (".glb",), "localreg.motion.formats.gltf", reads=False, families=_FAMILIES),
-    Format("C3D", (".c3d",), "localreg.motion.formats.c3d_write", reads=False),
-    Format("OpenSim", (".trc", ".mot"), "localreg.motion.formats.opensim_tables", reads=False),
+    Format("C3D", (".c3d",), _POINTS, writer="localreg.motion.formats.c3d_write"),
+    Format("OpenSim markers", (".trc",), _POINTS, writer=_OPENSIM),
+    Format("OpenSim", (".mot",), "localreg.motion.formats.opensim_read", writer=_OPENSIM),
+    Format("SMPL", (".npz",), "localreg.motion.formats.smpl_npz", writes=False),
+    Format("MVNX", (".mvnx",), "localreg.motion.formats.mvnx", writes=False),
+    Format("recording", (".mcap",), "localreg.motion.formats.recording", writes=False),
     Format("OpenSim model", (".osim",), "localreg.motion.formats.opensim_model", reads=False),
     Format("table", (".csv", ".parquet"), "localreg.motion.formats.angle_tables", reads=False),
 )

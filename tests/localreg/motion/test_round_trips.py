@@ -7,11 +7,12 @@ import pytest
 from hypothesis import given, settings
 
 from localreg.errors import MotionError
-from localreg.motion.formats import read_motion, readable_suffixes, writable_suffixes, write_motion
+from localreg.motion.formats import read_motion, write_motion
 from localreg.motion.joint_angles import bone_rotations
 from tests.localreg.motion.strategies import make_calm_motion, make_motion, recipes, turn_distance
 
-SUFFIXES = [suffix for suffix in writable_suffixes() if suffix in readable_suffixes()]
+# The formats that hold all angles; points and coordinates are tested where they are read.
+SUFFIXES = (".amc", ".bvh")
 
 
 def check_same(back, motion, *, angles_too):
