@@ -97,6 +97,7 @@ def convert(
     from localreg.commands.reading import read
     from localreg.errors import MotionError
     from localreg.motion.formats import writable_suffixes, write_motion
+    from localreg.motion.formats.registry import DEFAULT_RATE, format_of
 
     suffix = out.suffix if kind is None else "." + kind.lstrip(".")
     if suffix.lower() not in writable_suffixes():
@@ -129,6 +130,12 @@ def convert(
             cleaned = _clean(motion, wishes)
             path = out if kind is None else out / (_file_name(motion.provenance.name) + suffix)
             write_motion(cleaned.motion, path, names=names)
+            form = format_of(path)
+            if form is not None and not form.carries_rate and cleaned.motion.rate != DEFAULT_RATE:
+                cleaned.done.append(
+                    f"the file has no place for its rate: read it with --source-rate "
+                    f"{cleaned.motion.rate:g}"
+                )
             console.print(
                 "; ".join([
                     f"{path}: {len(cleaned.motion)} frames at {cleaned.motion.rate:g} Hz of "

@@ -132,11 +132,7 @@ def load_index(
             reason = (error.strerror or str(error)).lower()
             raise MotionError(f"cannot read the index {index}: {reason}; check the path") from error
     else:
-        page = _make_folder(folder / _PARTIAL) / "index.html"
-        Downloader(folder / _PARTIAL, source.patience)(source.base + PAGE, str(page), None)
-        text = page.read_text(encoding="utf-8", errors="replace")
-        page.unlink()
-        _clean(folder)
+        text = _page(folder, source)
     trials = read_index(text)
     if index != copy:
         try:
@@ -288,6 +284,17 @@ def fetch_all(
     path.unlink()
     _clean(folder)
     return report
+
+
+def _page(folder: Path, source: Source) -> str:
+    """CMU's list of motions, as it is on the site."""
+    page = _make_folder(folder / _PARTIAL) / "index.html"
+    try:
+        Downloader(folder / _PARTIAL, source.patience)(source.base + PAGE, str(page), None)
+        return page.read_text(encoding="utf-8", errors="replace")
+    finally:
+        page.unlink(missing_ok=True)
+        _clean(folder)
 
 
 def _cache(

@@ -35,7 +35,11 @@ def test_any_kind_comes_out(take, tmp_path, suffix):
 
 
 def test_amc_and_bvh_come_back(take, tmp_path):
-    assert convert(take, tmp_path / "a.amc").exit_code == 0
+    result = convert(take, tmp_path / "a.amc")
+    assert result.exit_code == 0
+    assert "--source-rate" not in result.stdout
+    result = convert(take, tmp_path / "slow.amc", "--rate", "40")
+    assert "read it with --source-rate 40" in result.stdout
     assert convert(tmp_path / "a.amc", tmp_path / "b.bvh").exit_code == 0
     (first,), (last,) = read_motion(take), read_motion(tmp_path / "b.bvh")
     np.testing.assert_allclose(last.qpos, first.qpos, atol=1e-6)

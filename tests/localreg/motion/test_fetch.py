@@ -202,6 +202,7 @@ def test_offline_is_said_at_once(tmp_path):
         nowhere = Source(address, patience=Patience(5.0, 5, 0.01))
         with pytest.raises(OfflineError, match="connect to the network"):
             load_index(tmp_path / "a", nowhere)
+        assert list((tmp_path / "a").iterdir()) == []
         with pytest.raises(OfflineError, match="connect to the network"):
             fetch([Trial("02", "01")], tmp_path / "a", nowhere)
 
