@@ -95,7 +95,7 @@ def demo(
         faults=faults,
     )
     kind = usual_kind() if view is None else view.value
-    seen = ViewOptions(kind, host, view_port, out)
+    seen = ViewOptions(kind, host, view_port, out, falls_back=view is None)
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -19,12 +19,14 @@ class ViewOptions:
         host: where a page is served.
         port: of the page; None for the first free one from 8080 on, 0 for any.
         takes: folder of what the buttons write.
+        falls_back: whether a page will do where no window can be opened.
     """
 
     kind: Kind = "none"
     host: str = "127.0.0.1"
     port: int | None = None
     takes: Path = Path("takes")
+    falls_back: bool = False
 
 
 def usual_kind() -> Kind:

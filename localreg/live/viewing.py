@@ -1,7 +1,7 @@
 """The view of a run: which one, its process, its buttons, and what it is told."""
 
 from collections.abc import Callable
-from typing import Any, Final, Self
+from typing import Any, Final, Literal, Self
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -75,16 +75,8 @@ class LiveView:
         if recenter is not None:
             self._do["recenter"] = recenter
         self._note = ""
-        self._process = ViewProcess(
-            subject,
-            options.kind,
-            host=options.host,
-            port=options.port,
-            takes=options.takes,
-            commands=tuple(self._do),
-            on_command=self._obey,
-            on_end=tell,
-        )
+        self._options, self._subject = options, subject
+        self._process = self._begin(options.kind)
         self._sink = ViewSink(self._process, ghost_at or (lambda live: None))
         self._watched: _Watched | None = None
         self._turn = 0
@@ -111,7 +103,15 @@ class LiveView:
         Raises:
             LocalregError: it cannot be shown, in one sentence.
         """
-        where, is_open = self._process.wait()
+        try:
+            where, is_open = self._process.wait()
+        except LocalregError as error:
+            if self._options.kind != "native" or not self._options.falls_back:
+                raise
+            self._tell(f"{error}; a page will do")
+            self._process.close()
+            self._process = self._sink.process = self._begin("web")
+            where, is_open = self._process.wait()
         self._tell(f"view: {where}")
         if is_open:
             self._tell(
@@ -163,6 +163,18 @@ class LiveView:
         """End the view, and finish what its buttons began. Doing so twice is no error."""
         self._process.close()
         self._takes.close()
+
+    def _begin(self, kind: Literal["web", "native"]) -> ViewProcess:
+        return ViewProcess(
+            self._subject,
+            kind,
+            host=self._options.host,
+            port=self._options.port,
+            takes=self._options.takes,
+            commands=tuple(self._do),
+            on_command=self._obey,
+            on_end=self._tell,
+        )
 
     def _obey(self, name: Command) -> None:
         self._note = ""

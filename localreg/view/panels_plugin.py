@@ -30,6 +30,7 @@ class BodyPlugin(plugin.ViewerPlugin):
         self._stage = stage
         self._desk = desk
         self._panels = panels_for(desk) if panels is None else list(panels)
+        self._size = (0.0, 0.0)
 
     @messages.handler
     def _on_viewer_init(self, _: plugin.ViewerInitEvent) -> None:
@@ -72,9 +73,12 @@ class BodyPlugin(plugin.ViewerPlugin):
     @messages.handler
     def _on_build_gui(self, _: messages.BuildGuiEvent) -> None:
         size = imgui.GetIO().DisplaySize
-        imgui.SetNextWindowPos(imgui.Vec2(_MARGIN, _MARGIN), imgui.Cond.Once)
+        # Somebody may move the panel; it is put back when the window changes its size.
+        when = imgui.Cond.Once if (size.x, size.y) == self._size else imgui.Cond.Always
+        self._size = (size.x, size.y)
+        imgui.SetNextWindowPos(imgui.Vec2(_MARGIN, _MARGIN), when)
         height = max(200.0, size.y - 2.0 * _MARGIN)
-        imgui.SetNextWindowSize(imgui.Vec2(WIDTH, height), imgui.Cond.Once)
+        imgui.SetNextWindowSize(imgui.Vec2(WIDTH, height), when)
         imgui.SetNextWindowBgAlpha(0.85)
         is_open, _ = imgui.Begin("localreg")
         if is_open:

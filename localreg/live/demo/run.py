@@ -145,7 +145,9 @@ def _begun(
     if seen is None or seen.kind == "none":
         yield None
         return
-    with DemoView(seen, playlist, lambda words: console.print(words, highlight=False)) as view:
+    with DemoView(
+        seen, playlist, lambda words: console.print(words, highlight=False, soft_wrap=True)
+    ) as view:
         yield view
 
 

@@ -22,17 +22,20 @@ class ViewSink(Sink):
     Args:
         process: who shows it; closing it is the caller's.
         ghost_at: a body to compare with.
+
+    Attributes:
+        process: as given; it may be replaced before the first pose.
     """
 
     name = "view"
 
     def __init__(self, process: ViewProcess, ghost_at: GhostAt = lambda live: None) -> None:
-        self._process = process
+        self.process = process
         self._ghost_at = ghost_at
 
     def publish(self, live: LivePose) -> None:
         """Put the frame in place of the one before."""
-        self._process.show(
+        self.process.show(
             Glimpse(
                 live.instant, live.frame, live.pose.qpos, float(live.pose.confidence),
                 live.is_held, live.is_start, self._ghost_at(live),
