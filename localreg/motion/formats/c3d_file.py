@@ -66,10 +66,12 @@ class _Numbers:
 
     def floats(self, data: bytes) -> ndarray:
         if self.processor != "dec":
-            return np.frombuffer(data, self.order + "f4").astype(float)
+            with np.errstate(invalid="ignore"):  # damaged numbers are found where they are used
+                return np.frombuffer(data, self.order + "f4").astype(float)
         # A VAX float has its halves exchanged and an exponent greater by two.
         halves = np.frombuffer(data, "<u2").reshape(-1, 2)[:, ::-1]
-        plain = np.ascontiguousarray(halves).view("<f4").ravel().astype(float) / 4.0
+        with np.errstate(invalid="ignore"):
+            plain = np.ascontiguousarray(halves).view("<f4").ravel().astype(float) / 4.0
         return np.where((halves[:, 1] & 0x7F80) == 0, 0.0, plain)
 
 
