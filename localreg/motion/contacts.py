@@ -29,6 +29,9 @@ In real walks the ball of a standing foot, which rolls off, moves at 0.1 to 0.3 
 swinging one at 2 to 6 m/s; see `HEIGHT` for what is slow but in the air.
 """
 
+SHORTEST: Final = 0.06
+"""Contacts, and gaps between them, that are shorter are taken for mistakes [s]."""
+
 _GROUND_PERCENTILE: Final = 5.0
 
 
@@ -51,6 +54,31 @@ def foot_contacts(
     speed = np.linalg.norm(velocities(feet, rate), axis=-1)
     ground = np.percentile(feet[..., 2], _GROUND_PERCENTILE, axis=0)
     return (speed < SPEED) & (feet[..., 2] < ground + HEIGHT)
+
+
+def settled_contacts(
+    bone_ends: Float[ndarray, "frames 31 3"], rate: float
+) -> Bool[ndarray, "frames 4"]:
+    """The contacts of `foot_contacts`, gaps in them and then contacts left out if too short.
+
+    Args:
+        bone_ends: world positions of the 31 bone ends, z up [m].
+        rate: frames a second [Hz].
+    """
+    settled = foot_contacts(bone_ends, rate)
+    for column in settled.T:
+        for wanted in (False, True):
+            for first, last in runs(column == wanted):
+                is_inside = wanted or (first > 0 and last < len(column))
+                if is_inside and last - first < SHORTEST * rate:
+                    column[first:last] = not wanted
+    return settled
+
+
+def runs(mask: Bool[ndarray, " frames"]) -> list[tuple[int, int]]:
+    """First and one past the last frame of every stretch in which a mask is true."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]])))
+    return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]
 
 
 def velocities(

@@ -19,14 +19,13 @@ from scipy.spatial.transform import Rotation
 from localreg.body.skeleton import BODY_NAMES, BONE_NAMES, DOF_NAMES
 from localreg.body.subject import Subject
 from localreg.motion.body_poses import body_points, body_turns
-from localreg.motion.contacts import FOOT_BODIES, foot_contacts
+from localreg.motion.contacts import FOOT_BODIES, runs, settled_contacts
 from localreg.motion.joint_angles import axis_rotations, bone_rotations
 from localreg.motion.motion import Motion
 
 FADE: Final = 0.15
 """Time in which what a foot was moved by fades before and after a contact [s]."""
 
-_SHORTEST: Final = 0.06  # contacts and gaps between them shorter than this are mistakes [s]
 _SIGMA_POINT: Final = 0.0005  # how near the point is brought to its place [m]
 _SIGMA_FOOT: Final = np.radians(3.0)  # what the foot may turn for it
 _SIGMA_ANGLE: Final = np.radians(20.0)  # and each joint
@@ -55,13 +54,13 @@ def lock_feet(motion: Motion, contacts: Bool[ndarray, "frames 4"] | None = None)
 
     Args:
         motion: the motion.
-        contacts: which of `FOOT_BODIES` stand, frame by frame; by default those that
-            `foot_contacts` sees, without the shortest ones.
+        contacts: which of `FOOT_BODIES` stand, frame by frame; by default those
+            that `settled_contacts` sees.
     """
     frames = len(motion)
     _, ends = body_points(motion.qpos, motion.subject)
     if contacts is None:
-        contacts = _settled(foot_contacts(ends, motion.rate), motion.rate)
+        contacts = settled_contacts(ends, motion.rate)
     qpos = motion.qpos.copy()
     shift, missed = np.zeros((2, frames, 2))
     for side in range(2):
@@ -79,24 +78,6 @@ def lock_feet(motion: Motion, contacts: Bool[ndarray, "frames 4"] | None = None)
     return FootLock(replace(motion, qpos=qpos), contacts, shift, missed)
 
 
-def _settled(contacts: Bool[ndarray, "frames 4"], rate: float) -> Bool[ndarray, "frames 4"]:
-    """The contacts without gaps, then without contacts, that are too short to be true."""
-    settled = contacts.copy()
-    for column in settled.T:
-        for wanted in (False, True):
-            for first, last in _runs(column == wanted):
-                inside = wanted or (first > 0 and last < len(column))
-                if inside and last - first < _SHORTEST * rate:
-                    column[first:last] = not wanted
-    return settled
-
-
-def _runs(mask: Bool[ndarray, " frames"]) -> list[tuple[int, int]]:
-    """First and one past the last frame of every stretch where a mask is true."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]])))
-    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
-
-
 def _moves(
     points: Float[ndarray, "frames 2 3"], held: Int[ndarray, " frames"], fade: float
 ) -> Float[ndarray, "frames 3"]:
@@ -108,7 +89,7 @@ def _moves(
         fade: how many frames it takes to go over to not moved.
     """
     moves = np.zeros((len(held), 3))
-    stances = _runs(held >= 0)
+    stances = runs(held >= 0)
     for first, last in stances:
         place = np.zeros(3)
         for part, end in _parts(held, first, last):

@@ -1,5 +1,6 @@
 """C3D by ezc3d; OpenSim's tables and model by a parser that follows OpenSim's layout alone."""
 
+import itertools
 import sys
 from dataclasses import replace
 from xml.etree import ElementTree as ET
@@ -12,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from localreg.errors import MotionError
 from localreg.motion.anatomical import COORDINATES, LENGTHS, poses
 from localreg.motion.body_poses import body_points
-from localreg.motion.formats import write_motion
+from localreg.motion.formats import c3d_write, read_motion, write_motion
 from localreg.motion.markers import POINTS, points
 from tests.localreg.motion.strategies import make_calm_motion, make_motion, make_subject
 
@@ -45,6 +46,35 @@ def test_ezc3d_reads_every_point(motion, tmp_path):
     places = file["data"]["points"][:3].transpose(2, 1, 0) / 1000.0
     np.testing.assert_allclose(places, points(motion), atol=1e-6)
     assert np.all(file["data"]["meta_points"]["residuals"] >= 0.0)
+
+
+def test_feet_coming_down_and_leaving_are_events(motions_dir, tmp_path):
+    (walk,) = read_motion(motions_dir / "cmu/subjects/02/02_01.amc")
+    write_motion(walk, tmp_path / "x.c3d")
+    event = ezc3d.c3d(str(tmp_path / "x.c3d"))["parameters"]["EVENT"]
+    labels, contexts = event["LABELS"]["value"], event["CONTEXTS"]["value"]
+    minutes, seconds = event["TIMES"]["value"]
+    assert event["USED"]["value"] == [len(labels)]
+    assert set(minutes) == {0.0}
+    assert list(seconds) == sorted(seconds)
+    assert 0.0 < seconds[0] < seconds[-1] < walk.seconds
+    for side in ("Left", "Right"):
+        own = [label for label, context in zip(labels, contexts, strict=True) if context == side]
+        assert 4 <= len(own) <= 10  # two or three steps
+        assert all(a != b for a, b in itertools.pairwise(own))  # down, up, down, ...
+
+
+def test_more_events_than_a_parameter_holds_go_on_in_the_next(tmp_path, monkeypatch):
+    motion = make_calm_motion(6, count=1300)
+    blinking = np.zeros((1300, 4), dtype=bool)
+    blinking[::4] = True
+    monkeypatch.setattr(c3d_write, "settled_contacts", lambda ends, rate: blinking)
+    write_motion(motion, tmp_path / "x.c3d")
+    event = ezc3d.c3d(str(tmp_path / "x.c3d"))["parameters"]["EVENT"]
+    counts = [len(event[f"LABELS{number}"]["value"]) for number in ("", "2", "3", "4", "5", "6")]
+    assert counts == [255] * 5 + [23]
+    assert event["USED"]["value"] == [1298]
+    assert event["TIMES6"]["value"].shape == (2, 23)
 
 
 def test_more_frames_than_c3d_can_count_are_refused(tmp_path):
