@@ -15,7 +15,14 @@ def install(folder: Path) -> Path:
     """Install the packages in a folder, or skip loudly where that cannot be done."""
     (folder / "package.json").write_text('{"private": true}')
     npm = wheel() / "lib" / "node_modules" / "npm" / "bin" / "npm-cli.js"
-    options = ["install", "--no-audit", "--no-fund", "--ignore-scripts", "--fetch-retries=1"]
+    options = [
+        "install",
+        "--no-audit",
+        "--no-fund",
+        "--ignore-scripts",
+        "--fetch-retries=1",
+        "--fetch-timeout=30000",
+    ]
     try:
         process = node(npm, *options, *PACKAGES, folder=folder)
     except subprocess.TimeoutExpired:
