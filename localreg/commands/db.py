@@ -53,7 +53,7 @@ def build(
     from functools import partial
 
     from localreg.commands.console import output, progress_bar
-    from localreg.commands.reading import report_table, rules_of, write_report
+    from localreg.commands.reading import notes_table, report_table, rules_of, write_report
     from localreg.database import PoseDatabase
     from localreg.database.store import prepare
     from localreg.motion.sources import Report, iterate_sources, no_motion
@@ -84,17 +84,20 @@ def build(
     database.save(out)
     console = output()
     console.print(report_table(report))
+    if any(entry.notes for entry in report.used):
+        console.print(notes_table(report))
     if json_file is not None:
         write_report(report, json_file)
     groups = len({clip.group for clip in database.clips})
     read_clips = sum(clip.image_of < 0 for clip in database.clips)
     if groups < read_clips:
         console.print(f"{read_clips - groups} clips hold recordings that others hold as well")
-    worst = max((e.joint_error or 0.0, e.name) for e in report.used)
-    console.print(
-        f"{len(report.used)} clips used, {len(report.skipped)} files skipped, largest error of "
-        f"retargeted joints {100.0 * worst[0]:.2f} cm on average ({worst[1]})"
-    )
+    line = f"{len(report.used)} clips used, {len(report.skipped)} files skipped"
+    errors = [(e.joint_error, e.name) for e in report.used if e.joint_error is not None]
+    if errors:
+        error, name = max(errors)
+        line += f"; joints of foreign files lie at most {100.0 * error:.2f} cm off ({name}, mean)"
+    console.print(line)
     console.print(
         f"{out}: {len(database.clips)} clips, {len(database)} poses at {database.rate:g} Hz, "
         f"{database.seconds:.0f} s",

@@ -1,11 +1,13 @@
 """Motions for commands: read with progress, reported in a table."""
 
 import json
+from collections import Counter
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Final
 
 import typer
+from rich.markup import escape
 from rich.table import Table
 
 from localreg.commands.console import notes, progress_bar
@@ -78,26 +80,44 @@ def report_table(report: Report) -> Table:
     """What became of every file: used under which name, or skipped and why.
 
     `error` is the mean distance between a foreign file's joints and ours, over the joints
-    that both skeletons have.
+    that both skeletons have. Notes are numbered as in `notes_table`.
     """
     table = Table("clip or file", "", "frames", "seconds", "rate [Hz]", "rate from", "skeleton",
-                  "error [cm]", "subject", "activity", "notes",
+                  "error [cm]", "subject", "activity", "notes, or why",
                   title="What was read")  # fmt: skip
     for column in (2, 3, 4, 7):
         table.columns[column].justify = "right"
+    table.columns[0].overflow = "fold"
+    numbers = _numbered(report)
     for entry in report.used:
         error = "" if entry.joint_error is None else f"{100.0 * entry.joint_error:.2f}"
         table.add_row(
             entry.name, "used", str(entry.frames), f"{entry.seconds:.1f}", f"{entry.rate:.4g}",
             entry.rate_rule, entry.skeleton, error, entry.subject, entry.activity,
-            "; ".join(entry.notes),
+            ", ".join(f"({numbers[note]})" for note in entry.notes),
         )  # fmt: skip
     for entry in report.skipped:
         why = entry.skipped.removeprefix(entry.source).lstrip(":, ")
-        table.add_row(entry.source, "skipped", *[""] * 8, why)
+        table.add_row(escape(entry.source), "skipped", *[""] * 8, escape(why))
     for entry in report.others:
-        table.add_row(entry.source, "", *[""] * 8, entry.skipped)
+        table.add_row(escape(entry.source), "", *[""] * 8, escape(entry.skipped))
     return table
+
+
+def notes_table(report: Report) -> Table:
+    """What readers had to assume or mend, numbered, and for how many clips."""
+    table = Table("", "clips", "what was assumed or mended", title="Notes")
+    table.columns[1].justify = "right"
+    counts = Counter(note for entry in report.used for note in entry.notes)
+    for note, number in _numbered(report).items():
+        table.add_row(f"({number})", str(counts[note]), escape(note))
+    return table
+
+
+def _numbered(report: Report) -> dict[str, int]:
+    """A number for every note, in the order in which they first occur."""
+    notes = dict.fromkeys(note for entry in report.used for note in entry.notes)
+    return {note: number for number, note in enumerate(notes, start=1)}
 
 
 def write_report(report: Report, path: Path) -> None:
