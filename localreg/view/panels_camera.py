@@ -11,11 +11,8 @@ import mujoco
 from mujoco.studio import viewer_protocol
 from mujoco.studio.dear_imgui import dear_imgui as imgui
 
-from localreg.view.cameras import PRESETS, Preset, look_from
+from localreg.view.cameras import Preset, look_from
 from localreg.view.moment import Moment
-
-KEYS: Final = tuple(f"N{number}" for number in range(1, len(PRESETS) + 1))
-"""Keys of the presets, in their order."""
 
 _TRACKED: Final = 1  # the body's root, behind the world
 _DEGREES_A_PIXEL: Final = 0.3
@@ -68,13 +65,3 @@ class CameraMan:
             self._preset = None
         if io.MouseWheel:
             camera.distance *= _ZOOM**io.MouseWheel
-
-
-def pressed_preset() -> Preset | None:
-    """The preset whose key was just pressed."""
-    if imgui.IsAnyItemActive():
-        return None
-    for key, preset in zip(KEYS, PRESETS, strict=True):
-        if imgui.IsKeyPressed(getattr(imgui.Key, key), False):
-            return preset
-    return None

@@ -1,5 +1,6 @@
 """The one plugin of `mujoco.studio` that makes its viewers show a body: page and window."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
@@ -7,9 +8,11 @@ from typing import Final
 from mujoco.studio import messages, plugin
 from mujoco.studio.dear_imgui import dear_imgui as imgui
 
+from localreg.view.controls import Controls, played, pressed
 from localreg.view.panels import Desk, Panel, panels_for
-from localreg.view.panels_camera import CameraMan, pressed_preset
-from localreg.view.scene import LOOKS, Stage, geoms, marks, show_look
+from localreg.view.panels_camera import CameraMan
+from localreg.view.panels_keys import pressed_keys
+from localreg.view.scene import Stage, geoms, marks, show_look
 
 WIDTH: Final = 360.0
 """Of the side window [pixels]."""
@@ -55,20 +58,17 @@ class BodyPlugin(plugin.ViewerPlugin):
         if desk.is_new:
             self._camera_man.mind(moment)
         self._stage.place(viewer.data, moment, desk.style)
+        self._stage.scene.turn_sun(viewer.data, math.radians(viewer.camera.azimuth))
         viewer.extra_geoms[:] = geoms(marks(moment, desk.style))
 
     def _obey_keys(self) -> None:
         desk = self._desk
-        if (preset := pressed_preset()) is not None:
-            desk.camera = preset
-        if imgui.IsAnyItemActive():
-            return
-        if imgui.IsKeyPressed(imgui.Key.L, False):
-            look = LOOKS[(LOOKS.index(desk.style.look) + 1) % len(LOOKS)]
-            desk.style = replace(desk.style, look=look)
-        transport = desk.source.transport
-        if transport is not None and imgui.IsKeyPressed(imgui.Key.Space, False):
-            transport.is_playing = not transport.is_playing
+        for key in pressed_keys():
+            after = pressed(Controls(preset=None, style=desk.style), key)
+            desk.style, desk.camera = after.style, after.preset or desk.camera
+            deck = desk.source.transport
+            if deck is not None:
+                deck.playhead = played(deck.playhead, key)
 
     @messages.handler
     def _on_build_gui(self, _: messages.BuildGuiEvent) -> None:

@@ -31,7 +31,7 @@ def show_studio(source: Source, ready: Callable[[], None], over: threading.Event
     endpoint, control = launch_thread.make_thread_endpoints()
     try:
         viewer = NativeViewer(
-            viewer_protocol.ViewerConfig(title="localreg"),
+            viewer_protocol.ViewerConfig(title="localreg", gfx="opengl_software"),
             endpoint,
             model=stage.model,
             plugins=[BodyPlugin(stage, Desk(source))],
