@@ -12,7 +12,7 @@ marks that change from moment to moment. Every host takes both:
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import mujoco
 import numpy as np
@@ -35,6 +35,7 @@ __all__ = [
     "build_stage",
     "draw",
     "geoms",
+    "light_for_studio",
     "marks",
     "show_look",
 ]
@@ -170,6 +171,22 @@ def build_stage(
     if ghost is not None:
         figures.append(Figure(ghost, GHOST_GREEN, GHOST_OPACITY, looks=True, girth=_GHOST_GIRTH))
     return Stage(build_scene(figures, floor=floor), ghost is not None)
+
+
+def light_for_studio(model: mujoco.MjModel) -> None:
+    """Change the light to what `mujoco.studio` makes the same picture of as the classic viewer.
+
+    Its renderer lets only the brightest of the directional lights cast shadows, and takes the
+    headlight for one of them.
+
+    Args:
+        model: of a stage; changed.
+    """
+    visual: Any = model.vis  # whose fields the stubs do not know
+    visual.headlight.ambient[:] = 0.3
+    visual.headlight.diffuse[:] = 0.0
+    model.light_diffuse[:] = 0.95
+    model.mat_rgba[model.material("floor").id, :3] = 0.72
 
 
 def marks(moment: Moment, style: Style | None = None) -> list[Mark]:

@@ -15,7 +15,7 @@ from mujoco.studio import launch_thread, messages, viewer_protocol, web_viewer
 from localreg.errors import LocalregError
 from localreg.view.panels import Desk
 from localreg.view.panels_plugin import BodyPlugin
-from localreg.view.scene import build_stage
+from localreg.view.scene import build_stage, light_for_studio
 from localreg.view.source import Source
 from localreg.view.web_guard import LOOPBACK, Guard, bind, guarded
 
@@ -63,6 +63,7 @@ class WebHost:
             LocalregError: this version of the viewer cannot be served safely.
         """
         stage = build_stage(self.desk.source.subject, self.desk.source.ghost)
+        light_for_studio(stage.model)
         config = viewer_protocol.ViewerConfig(title="localreg", http_port=self.guard.port)
         with guarded(self.guard):
             viewer = _Viewer(
