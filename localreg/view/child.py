@@ -114,11 +114,6 @@ def _show(setup: dict[str, Any], source: LiveSource, hear: TextIO, say: TextIO) 
         page = WebHost(source, setup["host"], setup["port"])
         _when_over(hear, page.close)
         page.run(lambda: tell(say, {"ready": page.url, "open": page.guard.is_open}))
-    elif sys.version_info >= (3, 12):
-        from localreg.view.panels_window import show_studio
-
-        _when_over(hear, over.set)
-        show_studio(source, ready, over)
     else:
         from localreg.view.native import show_native
 

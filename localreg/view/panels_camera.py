@@ -1,4 +1,4 @@
-"""Camera presets and the mouse, for the viewers of `mujoco.studio`.
+"""Camera presets for the viewers of `mujoco.studio`.
 
 The camera tracks the body, so that browsers can follow it and turn around it on their own; a
 preset turns it once, and once more when the body has been found anew.
@@ -9,14 +9,11 @@ from typing import Final
 
 import mujoco
 from mujoco.studio import viewer_protocol
-from mujoco.studio.dear_imgui import dear_imgui as imgui
 
 from localreg.view.cameras import Preset, look_from
 from localreg.view.moment import Moment
 
 _TRACKED: Final = 1  # the body's root, behind the world
-_DEGREES_A_PIXEL: Final = 0.3
-_ZOOM: Final = 0.9
 
 
 class CameraMan:
@@ -50,18 +47,3 @@ class CameraMan:
             self.place("follow", moment)
         elif moment.is_start and self._preset is not None:
             self.place(self._preset, moment)
-
-    def obey_mouse(self) -> None:
-        """Turn and zoom by the mouse, in windows; browsers do so themselves."""
-        if self._viewer.client_camera is not None:
-            return
-        io, camera = imgui.GetIO(), self._viewer.camera
-        if io.WantCaptureMouse:
-            return
-        if imgui.IsMouseDragging(0):
-            camera.azimuth -= _DEGREES_A_PIXEL * io.MouseDelta.x
-            elevation = camera.elevation - _DEGREES_A_PIXEL * io.MouseDelta.y
-            camera.elevation = min(max(elevation, -89.0), 89.0)
-            self._preset = None
-        if io.MouseWheel:
-            camera.distance *= _ZOOM**io.MouseWheel

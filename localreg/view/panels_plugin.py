@@ -1,4 +1,9 @@
-"""The one plugin of `mujoco.studio` that makes its viewers show a body: page and window."""
+"""The plugin of `mujoco.studio` that makes its viewers show a body.
+
+Nothing in it knows of browsers. But the studio's own window needs Python 3.12, and with a stand-in
+for what 3.11 lacks it drew, in mujoco 4.0.0, a part of the body and no panels; so windows are
+MuJoCo's classic ones (`native`).
+"""
 
 import math
 from collections.abc import Sequence
@@ -46,7 +51,6 @@ class BodyPlugin(plugin.ViewerPlugin):
         for panel in self._panels:
             panel.watch(desk)
         self._obey_keys()
-        self._camera_man.obey_mouse()
         show_look(viewer.vis_options, desk.style.look)
         if moment is None:
             return
