@@ -9,10 +9,11 @@ tracker's axes, and its height. Global position and heading do not enter.
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final, no_type_check
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32
+from jaxtyping import Bool, Float, Float32, Int
 from numba import njit
 from numpy import ndarray
 
@@ -68,11 +69,15 @@ class FeatureLayout:
         self, position: Float[ndarray, " J"], rotation: Float[ndarray, " J"]
     ) -> Float[ndarray, " f"]:
         """Spread one number per tracker and kind over the columns they make."""
-        parts = [
-            np.concatenate([np.full(3, position[i]), np.full(9, rotation[i])]) for i in self.others
-        ]
-        own = [np.full(3, rotation[self.reference]), np.full(1, position[self.reference])]
-        return np.concatenate([*parts, *own])
+        trackers, positions = self._columns
+        return np.where(positions, position[trackers], rotation[trackers])
+
+    @cached_property
+    def _columns(self) -> tuple[Int[ndarray, " f"], Bool[ndarray, " f"]]:
+        """The tracker of every column, and whether the column is about its position."""
+        one = [True] * 3 + [False] * 9
+        positions = np.array(one * len(self.others) + [False, False, False, True])
+        return np.repeat([*self.others, self.reference], [12] * len(self.others) + [4]), positions
 
     def trust(
         self,
@@ -96,33 +101,18 @@ class FeatureLayout:
         return self.columns(position, rotation)
 
     def extract(
-        self, positions: Float[ndarray, "*b J 3"], rotations: Float[ndarray, "*b J 3 3"]
+        self, positions: Float[ndarray, "*b J 3"], quaternions: Float[ndarray, "*b J 4"]
     ) -> Float[ndarray, "*b f"]:
-        """Features of tracker poses in the world."""
-        R = rotations[..., self.reference, :, :]
-        p = positions[..., self.reference, :]
-        others = list(self.others)
-        relative = np.einsum("...ba,...jb->...ja", R, positions[..., others, :] - p[..., None, :])
-        turned = np.einsum("...ba,...jbc->...jac", R, rotations[..., others, :, :])
-        per_tracker = np.concatenate([relative, turned.reshape(*relative.shape[:-1], 9)], axis=-1)
-        flat = per_tracker.reshape(*per_tracker.shape[:-2], _PER_TRACKER * len(others))
-        return np.concatenate([flat, R[..., 2, :], p[..., 2:]], axis=-1)
+        """Features of tracker poses in the world: positions [m], quaternions w x y z."""
+        trackers, size = positions.shape[-2], self.size
+        out = np.empty((positions.size // (3 * trackers), size))
+        flat = positions.reshape(-1, trackers, 3), quaternions.reshape(-1, trackers, 4)
+        _write_features(self.reference, self._others, *flat, out)
+        return out.reshape(*positions.shape[:-2], size)
 
-
-def quaternions_to_matrices(q: Float[ndarray, "*b 4"]) -> Float[ndarray, "*b 3 3"]:
-    """Rotation matrices of unit quaternions w x y z (NumPy: the per-frame path)."""
-    w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
-    out = np.empty((*q.shape[:-1], 3, 3))
-    out[..., 0, 0] = 1 - 2 * (y * y + z * z)
-    out[..., 0, 1] = 2 * (x * y - w * z)
-    out[..., 0, 2] = 2 * (x * z + w * y)
-    out[..., 1, 0] = 2 * (x * y + w * z)
-    out[..., 1, 1] = 1 - 2 * (x * x + z * z)
-    out[..., 1, 2] = 2 * (y * z - w * x)
-    out[..., 2, 0] = 2 * (x * z - w * y)
-    out[..., 2, 1] = 2 * (y * z + w * x)
-    out[..., 2, 2] = 1 - 2 * (x * x + y * y)
-    return out
+    @cached_property
+    def _others(self) -> Int[ndarray, " others"]:
+        return np.array(self.others, dtype=np.int64)
 
 
 def database_features(
@@ -141,12 +131,14 @@ def database_features(
         angles: joint angles [rad].
         tell: is told how many poses are done, of how many.
     """
-    chain, others = chain_of(kinematics), np.array(layout.others, dtype=np.int64)
+    chain, trackers = chain_of(kinematics), len(layout.others) + 1
     out = np.empty((len(angles), layout.size), dtype=np.float32)
+    positions, quaternions = np.empty((_CHUNK, trackers, 3)), np.empty((_CHUNK, trackers, 4))
     for begin in range(0, len(angles), _CHUNK):
         chunk = slice(begin, begin + _CHUNK)
         qpos = np.hstack([root[chunk], angles[chunk]]).astype(float)
-        _write_features(chain, layout.reference, others, qpos, blank_placed(chain), out[chunk])
+        _place_all(chain, qpos, blank_placed(chain), positions, quaternions)
+        out[chunk] = layout.extract(positions[: len(qpos)], quaternions[: len(qpos)])
         if tell is not None:
             tell(begin + len(qpos), len(angles), "placing trackers")
     return out
@@ -154,18 +146,26 @@ def database_features(
 
 @njit(cache=True)
 @no_type_check
-def _write_features(chain, reference, others, qpos, placed, out):
-    """`FeatureLayout.extract` of the trackers of some poses."""
-    own, turn, seen = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
+def _place_all(chain, qpos, placed, positions, quaternions):
+    """Write where some poses put the trackers."""
     for row in range(len(qpos)):
         place(chain, qpos[row], placed)
-        rotation_matrix(placed.site_orientation[reference], own)
-        at = placed.site_position[reference]
+        positions[row], quaternions[row] = placed.site_position, placed.site_orientation
+
+
+@njit(cache=True)
+@no_type_check
+def _write_features(reference, others, positions, quaternions, out):
+    """Write a row of features for every set of tracker poses."""
+    own, turn, seen = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
+    for row in range(len(positions)):
+        rotation_matrix(quaternions[row, reference], own)
+        at = positions[row, reference]
         column = 0
         for other in others:
             for i in range(3):
-                seen[i] = placed.site_position[other, i] - at[i]
-            rotation_matrix(placed.site_orientation[other], turn)
+                seen[i] = positions[row, other, i] - at[i]
+            rotation_matrix(quaternions[row, other], turn)
             for i in range(3):
                 total = 0.0
                 for k in range(3):

@@ -8,10 +8,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Float32
 from numpy import ndarray
 
-from localreg.body.kinematics import Kinematics
-from localreg.database.features import FeatureLayout, database_features
-from localreg.database.neighbours import ExactSearch, Metric, NeighbourSearch, Query
+from localreg.database.block_search import BlockSearch
+from localreg.database.neighbours import Metric, Query
 from localreg.database.store import PoseDatabase
+from localreg.database.view import SubjectView
 from localreg.errors import DatabaseError
 from localreg.numerics import host_arrays
 
@@ -34,25 +34,34 @@ class Examples(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ExampleSource:
-    """Finds examples in a database.
+    """Finds examples in a database as its subject sees it.
 
     Attributes:
-        database: the poses.
-        features: what the subject's trackers would say in each of them.
+        view: the database and what the subject's trackers would say in it.
         search: finds rows.
-        metric: how differences count in the search.
         targets: rows that may be found: allowed, and with all their predecessors.
         count: K.
-        history: m.
     """
 
-    database: PoseDatabase
-    features: Float32[ndarray, "N f"]
-    search: NeighbourSearch
-    metric: Metric
+    view: SubjectView
+    search: BlockSearch
     targets: Bool[ndarray, " N"]
     count: int
-    history: int
+
+    @property
+    def database(self) -> PoseDatabase:
+        """The poses."""
+        return self.view.database
+
+    @property
+    def features(self) -> Float32[ndarray, "N f"]:
+        """What the subject's trackers would say in each of them."""
+        return self.view.features
+
+    @property
+    def metric(self) -> Metric:
+        """How differences count in the search."""
+        return self.view.metric
 
     @cached_property
     def angles(self) -> Float32[ndarray, "N 56"]:
@@ -62,39 +71,27 @@ class ExampleSource:
     def find(self, query: Query) -> Examples:
         """The nearest examples, single precision as stored."""
         rows, squared_distances = self.search.search(query, self.count)
-        angles = self.database.angles[rows[:, None] - np.arange(self.history + 1)]
+        past = np.arange(len(self.metric.history) + 1)
         roots = self.database.roots[rows[:, None] - np.arange(2)]
-        return Examples(*host_arrays(angles, roots, self.features[rows], squared_distances))
+        return Examples(
+            *host_arrays(
+                self.angles[rows[:, None] - past], roots, self.features[rows], squared_distances
+            )
+        )
 
 
 def example_source(
-    database: PoseDatabase,
-    features: Float32[ndarray, "N f"],
-    allowed: Bool[ndarray, " N"] | None,
-    metric: Metric,
-    count: int,
+    view: SubjectView, allowed: Bool[ndarray, " N"] | None, count: int
 ) -> ExampleSource:
-    """A source that finds only allowed poses.
+    """A source that finds only allowed poses, all by default.
 
     Raises:
         DatabaseError: nothing is left to find.
     """
-    history = len(metric.history)
-    targets = np.zeros(len(database), dtype=bool)
-    targets[database.window_targets(history)] = True
-    if allowed is not None:
-        targets &= allowed
+    targets = view.targets if allowed is None else view.targets & allowed
     if not targets.any():
         raise DatabaseError(
             "nothing is left of the database to learn from; build it from more motions or "
             "leave less out"
         )
-    search = ExactSearch(database.angles, features, targets, metric)
-    return ExampleSource(database, features, search, metric, targets, count, history)
-
-
-def features_for(
-    database: PoseDatabase, layout: FeatureLayout, kinematics: Kinematics
-) -> Float32[ndarray, "N f"]:
-    """What a subject's trackers would say in every pose of a database."""
-    return database_features(layout, kinematics, database.roots, database.angles)
+    return ExampleSource(view, view.search(allowed), targets, count)

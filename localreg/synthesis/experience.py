@@ -13,7 +13,6 @@ learned, once for an estimator:
   noise of the inputs that past poses are.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
@@ -23,7 +22,7 @@ from numpy import ndarray
 
 from localreg.body.chain import Chain, blank_placed, place, tracker_jacobian
 from localreg.body.skeleton import DOF_COUNT, TANGENT_SIZE
-from localreg.database.neighbours import Neighbours, Query, nearest
+from localreg.database.neighbours import Neighbours, Query
 from localreg.synthesis.examples import ExampleSource
 from localreg.synthesis.local_fit import LocalFit, kernel_weights, within_reach
 from localreg.synthesis.settings import Settings
@@ -33,7 +32,6 @@ NEAR: Final = 0.1
 """The neighbour at this share of K tells how far the neighbours are."""
 
 _NEAREST: Final = 0.05  # squared distances below this are not told apart
-_BATCH: Final = 32  # queries of one matrix product
 _FIRST_LOOK: Final = 100  # predictions that the noise of past poses is first learned from
 _LASTING: Final = 0.7  # share of that noise that stays from pose to pose ...
 _PASSING: Final = 0.15  # ... and share that does not
@@ -209,36 +207,25 @@ def _rehearse(
     share: Float[ndarray, "56"],
 ) -> Rehearsal:
     """Predict each row from the database without its own clip and that clip's copies."""
-    database = source.database
-    groups = np.array([clip.group for clip in database.clips])[database.clip_index]
+    database, search = source.database, source.search
     feature_noise = pose.noise[settings.history * DOF_COUNT :]
+    known = np.ones(settings.history, dtype=bool), np.ones(len(feature_noise))
     rng = np.random.default_rng(0)
     found: list[tuple[Any, ...]] = []
-    for batch in _batches(rows):
-        shape = (len(batch), 1, DOF_COUNT)
-        past = database.histories(batch, settings.history).astype(float)
-        past += angle_noise * (
-            _LASTING * rng.normal(size=shape) + _PASSING * rng.normal(size=past.shape)
+    for row in rows:
+        past = database.histories(row[None], settings.history)[0].astype(float)
+        lasting = _LASTING * rng.normal(size=(1, DOF_COUNT))
+        past += angle_noise * (lasting + _PASSING * rng.normal(size=past.shape))
+        features = source.features[row] + 0.5 * feature_noise * rng.normal(size=len(feature_noise))
+        group = int(source.view.groups[row])
+        available = min(settings.neighbours, search.available(group))
+        if available <= int(NEAR * settings.neighbours):
+            continue
+        query = Query(past, known[0], features, known[1])
+        near = search.search(query, available, group)
+        found.append(
+            _predict(source, settings, int(row), query, near, pose, step, transitions, share)
         )
-        features = source.features[batch] + 0.5 * feature_noise * rng.normal(
-            size=(len(batch), len(feature_noise))
-        )
-        known = np.ones(settings.history, dtype=bool), np.ones(len(feature_noise))
-        queries = [
-            Query(history, known[0], feature, known[1])
-            for history, feature in zip(past, features, strict=True)
-        ]
-        for row, query, squared in zip(
-            map(int, batch), queries, source.search.squared_distances(queries), strict=True
-        ):
-            squared[groups == groups[row]] = np.inf
-            available = min(settings.neighbours, int(np.isfinite(squared).sum()))
-            if available <= int(NEAR * settings.neighbours):
-                continue
-            near = nearest(squared, available, available)
-            found.append(
-                _predict(source, settings, row, query, near, pose, step, transitions, share)
-            )
     if not found:
         return _nothing(settings, len(feature_noise))
     squared, by_feature, by_lag, known, *outcomes = map(np.array, zip(*found, strict=True))
@@ -330,7 +317,3 @@ def _heard(
         whitened = (jacobian / sigma[:, None]).reshape(-1, TANGENT_SIZE)
         variances.append(np.diagonal(np.linalg.inv(prior + whitened.T @ whitened))[6:])
     return np.maximum(np.sqrt(np.mean(variances, axis=0)), _LEAST_NOISE)
-
-
-def _batches(rows: Int[ndarray, " Q"]) -> Iterator[Int[ndarray, " q"]]:
-    return (rows[begin : begin + _BATCH] for begin in range(0, len(rows), _BATCH))

@@ -140,12 +140,12 @@ class LocalRegression(Prior):
         covariance: Float[ndarray, "62 62"],
     ) -> Drift | None:
         """The drift as the solved pose has corrected it."""
-        if expectation.drift is None or expectation.covariance is None:
+        if expectation.drift is None:
             return None
         drift, gain = expectation.drift
         moved = np.empty(TANGENT_SIZE)
         difference(expectation.belief.qpos, qpos, moved)
-        corrected, finite = _correct(drift, gain, moved, expectation.covariance, covariance)
+        corrected, finite = _correct(drift, gain, moved, covariance)
         return Drift(*corrected) if finite else None
 
     def acquire(self, query: Query) -> Acquisition:
@@ -257,11 +257,11 @@ def _fuse(covariance, cross, pose, qpos, share):
 
 @njit(cache=True)
 @no_type_check
-def _correct(drift, gain, moved, before, after):
+def _correct(drift, gain, moved, after):
     """The parts of a drift once the pose is known better, and whether they are numbers."""
     mean = drift.mean + np.dot(gain, moved)
-    spread = drift.covariance - np.dot(gain, np.dot(before - after, gain.T))
-    spread = 0.5 * (spread + spread.T)
     cross = np.dot(after, gain.T)
+    spread = drift.covariance - np.dot(gain, drift.cross - cross)
+    spread = 0.5 * (spread + spread.T)
     finite = np.isfinite(np.sum(mean) + np.sum(spread) + np.sum(cross))
     return (mean, spread, cross), finite

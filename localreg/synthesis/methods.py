@@ -13,6 +13,7 @@ from localreg.body.subject import Subject
 from localreg.database.features import FeatureLayout
 from localreg.database.neighbours import Metric
 from localreg.database.store import DEFAULT_RATE, PoseDatabase
+from localreg.database.view import subject_view
 from localreg.errors import SynthesisError
 from localreg.synthesis.baselines import (
     PAST_REGRESSIONS,
@@ -20,7 +21,7 @@ from localreg.synthesis.baselines import (
     LocalSubspace,
     PastRegression,
 )
-from localreg.synthesis.examples import ExampleSource, example_source, features_for
+from localreg.synthesis.examples import ExampleSource, example_source
 from localreg.synthesis.local_regression import LocalRegression
 from localreg.synthesis.prior import Prior
 from localreg.synthesis.settings import METHODS, Settings
@@ -68,12 +69,11 @@ def build_synthesizer(
     if database is None:
         raise SynthesisError(f"the prior {settings.prior!r} needs a database; build one first")
     layout = FeatureLayout.of(subject)
-    features = features_for(database, layout, kinematics)
+    view = subject_view(database, layout, kinematics, _metric(settings, layout))
     chain = chain_of(kinematics)
-    metric = _metric(settings, layout)
 
     def build(allowed: Bool[ndarray, " poses"] | None) -> Synthesizer:
-        source = example_source(database, features, allowed, metric, settings.neighbours)
+        source = example_source(view, allowed, settings.neighbours)
         prior = _database_prior(settings, layout, source, chain)
         return Synthesizer(subject, database.rate, settings, kinematics, prior, build)
 

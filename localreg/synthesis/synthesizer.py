@@ -17,7 +17,7 @@ from localreg.body.chain import Chain, chain_of, place_trackers
 from localreg.body.kinematics import Kinematics
 from localreg.body.skeleton import TANGENT_SIZE
 from localreg.body.subject import Subject
-from localreg.database.features import FeatureLayout, quaternions_to_matrices
+from localreg.database.features import FeatureLayout
 from localreg.database.neighbours import Query
 from localreg.synthesis.alignment import align_root
 from localreg.synthesis.attention import Attention, listen, observe
@@ -139,7 +139,7 @@ class Synthesizer(Estimator[State]):
         query = Query(
             history=np.asarray(state.history),
             history_valid=np.asarray(state.history_valid),
-            features=layout.extract(heard.positions, quaternions_to_matrices(heard.quaternions)),
+            features=layout.extract(heard.positions, heard.quaternions),
             feature_trust=trust,
         )
         return query, attention

@@ -12,6 +12,7 @@ from localreg.database import PoseDatabase
 from localreg.database.block_index import build_index
 from localreg.database.block_search import BlockSearch
 from localreg.database.neighbours import ExactSearch, Metric, NeighbourSearch, Query, nearest
+from localreg.database.view import SubjectView
 from localreg.synthesis.examples import example_source
 from tests.localreg.database.made_motion import make_motion
 
@@ -186,7 +187,11 @@ def test_windows_never_reach_over_the_start_of_a_clip(seed, history):
     allowed = rng.random(len(database)) < 0.8
     allowed[history] = True
     metric = Metric(np.ones(history), np.ones(5))
-    source = example_source(database, features, allowed, metric, count=len(database))
+    targets = np.zeros(len(database), dtype=bool)
+    targets[database.window_targets(history)] = True
+    index = build_index(database.angles, features, targets, metric)
+    view = SubjectView(database, metric, features, targets, database.clip_index, index)
+    source = example_source(view, allowed, count=len(database))
     query = Query(
         rng.normal(size=(history, 56)), np.ones(history, dtype=bool),
         rng.normal(size=5), np.ones(5),
