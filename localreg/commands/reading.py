@@ -40,6 +40,10 @@ SkeletonMapFile = Annotated[
     ),
 ]
 
+_CAPTION: Final = (
+    "error: mean distance between a foreign file's joints and ours, over the joints that both "
+    "skeletons have, with bones that the file leaves out put back into it"
+)
 _FEW: Final = 20
 
 
@@ -84,7 +88,7 @@ def report_table(report: Report) -> Table:
     """
     table = Table("clip or file", "", "frames", "seconds", "rate [Hz]", "rate from", "skeleton",
                   "error [cm]", "subject", "activity", "notes, or why",
-                  title="What was read")  # fmt: skip
+                  title="What was read", caption=_CAPTION)  # fmt: skip
     for column in (2, 3, 4, 7):
         table.columns[column].justify = "right"
     table.columns[0].overflow = "fold"

@@ -202,7 +202,24 @@ class _Work:
         axis = np.zeros(3)
         axis[np.argmax(np.abs(up))] = np.sign(up[np.argmax(np.abs(up))])
         up = axis if axis @ up > _SNAP else up
-        return _frame(_unit(across - (across @ up) * up), up)
+        frame = _frame(_unit(across - (across @ up) * up), up)
+        self._note_exchanged_sides(frame, rest)
+        return frame
+
+    def _note_exchanged_sides(
+        self, frame: Float[ndarray, "3 3"], rest: Float[ndarray, "joints 3"]
+    ) -> None:
+        """Note a body whose feet point backwards.
+
+        Its left is called right, or its world is left-handed.
+        """
+        ways = 0.0
+        for side in "lr":
+            toes = self.starts.get(side + "toes", self.ends.get(side + "toes"))
+            if toes is not None and side + "foot" in self.starts:
+                ways += float(_unit(rest[toes] - rest[self.starts[side + "foot"]]) @ frame[:, 2])
+        if ways < -0.5:
+            self.notes.append("its feet point backwards: left and right seem to be exchanged")
 
     def _turn_root(self) -> None:
         across = _units(self._start("lfemur") - self._start("rfemur"))

@@ -82,6 +82,26 @@ def test_every_family_reads_with_its_own_bones(tmp_path, walk, family):
     assert np.degrees(np.median(apart, axis=0)).max() < 12.0
 
 
+@pytest.mark.parametrize("family", LAYOUTS)
+def test_random_people_of_every_family_move_as_their_files_do(tmp_path, family):
+    """Bones of random lengths, left and right apart, all joints at large angles."""
+    motion = make_calm_motion(sorted(LAYOUTS).index(family), count=40, rate=40.0)
+    write_bvh(tmp_path / "x.bvh", motion, family)
+    read = read_one(tmp_path / "x.bvh")
+    assert read.provenance.skeleton == family
+    assert read.provenance.joint_error < 0.01
+    assert max(error for _, error in read.provenance.joint_errors) < 0.03
+
+
+def test_exchanged_sides_are_noted(tmp_path, walk):
+    write_bvh(tmp_path / "x.bvh", walk, "Mixamo")
+    text = (tmp_path / "x.bvh").read_text()
+    text = text.replace("Left", "@").replace("Right", "Left").replace("@", "Right")
+    (tmp_path / "x.bvh").write_text(text)
+    notes = " ".join(read_one(tmp_path / "x.bvh").provenance.notes)
+    assert "left and right seem to be exchanged" in notes
+
+
 @pytest.mark.parametrize("names", ["mixamo", "vrm"])
 def test_what_we_write_under_other_names_comes_back(tmp_path, walk, names):
     write_motion(walk, tmp_path / "x.bvh", names=names)
