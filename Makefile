@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 SOURCES := localreg sensors calibration benchmarks tests
 
-.PHONY: help demo test check format lock fuzz clean
+.PHONY: help demo test check format bench lock fuzz clean
 .DEFAULT_GOAL := help
 
 help:  ## show this list
@@ -25,6 +25,10 @@ check: .venv/.develop  ## lint, format, types, import directions
 format: .venv/.develop  ## rewrite the sources in the house format
 	$(BIN)/ruff check --fix $(SOURCES)
 	$(BIN)/ruff format $(SOURCES)
+
+bench: .venv/.develop  ## measure speed, memory and recall at 65,609 and 1.1 million poses (half an hour)
+	$(BIN)/python -m benchmarks.scaling --work out/bench --json out/bench/figures.json \
+	  --plot benchmarks/figures/speed.png --readme benchmarks/README.md $(ARGS)
 
 lock: $(BIN)/uv  ## pin every dependency again, names, versions and hashes only
 	$(BIN)/uv pip compile pyproject.toml --extra sample \

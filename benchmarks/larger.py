@@ -16,6 +16,7 @@ from numpy import ndarray
 from scipy.spatial.transform import Rotation, Slerp
 
 from localreg.body.skeleton import DOF_BONES, DOF_COUNT
+from localreg.errors import MotionError
 from localreg.motion.motion import Motion
 
 _WARP: Final = 0.25  # largest change of speed
@@ -36,9 +37,14 @@ def made_larger(
         rate: of the database and of what is given [Hz].
         mirror: whether the database adds mirror images.
         seed: of the variants.
+
+    Raises:
+        MotionError: there is none.
     """
     real = [motion.resampled(rate).nearest_to_rest() for motion in motions]
     real = [motion for motion in real if len(motion) >= 4]
+    if not real:
+        raise MotionError("there is no motion of four frames or more to make larger")
     rng = np.random.default_rng(seed)
     left = -(-poses // 2) if mirror else poses
     told = 0

@@ -243,21 +243,21 @@ def _reach(target, limit, low, high):
     return limit - gap * gap
 
 
-@njit(cache=True, fastmath=_FAST)
+@njit(cache=True, fastmath=_FAST, inline="always")
 @no_type_check
 def _measure(centers, target, begin, end, scratch, out):
     """Write the squared distances of some centers."""
     if len(target.turn) == 0:
         for i in range(begin, end):
             out[i] = _apart(target.point, centers[i])
-        return
-    room = scratch.turned
-    for start in range(begin, end, len(room)):
-        stop = min(start + len(room), end)
-        # One matrix product for many is five times as fast as many for one.
-        np.dot(centers[start:stop], target.turn, room[: stop - start])
-        for i in range(start, stop):
-            out[i] = _apart(target.point, room[i - start])
+    else:
+        room = scratch.turned
+        for start in range(begin, end, len(room)):
+            stop = min(start + len(room), end)
+            # One matrix product for many is five times as fast as many for one.
+            np.dot(centers[start:stop], target.turn, room[: stop - start])
+            for i in range(start, stop):
+                out[i] = _apart(target.point, room[i - start])
 
 
 @njit(cache=True, fastmath=_FAST, inline="always")
@@ -285,7 +285,9 @@ def _choose_clusters(blocks, target, probes, first, scratch):
     _measure(blocks.cluster_center, target, 0, count, scratch, scratch.cluster_apart)
     scratch.order[:count] = scratch.cluster_apart
     last = nth_smallest(scratch.order, count, min(probes, count) - 1)
-    near = nth_smallest(scratch.order, min(probes, count), min(first, probes, count) - 1)
+    near = np.float32(-1.0)
+    if first:
+        near = nth_smallest(scratch.order, min(probes, count), min(first, probes, count) - 1)
     for cluster in range(count):
         apart = scratch.cluster_apart[cluster]
         scratch.probed[cluster] = 2 if apart <= near else (1 if apart <= last else 0)
@@ -343,7 +345,7 @@ def _beside(blocks, block):
     return middle * middle
 
 
-@njit(cache=True, fastmath=_FAST)
+@njit(cache=True, fastmath=_FAST, inline="always")
 @no_type_check
 def _gather(blocks, poses, target, begin, end, limit, farthest, scratch, count, turned, squared):
     """Append the windows of some blocks that may be within a limit; returns how many there are."""
@@ -465,10 +467,13 @@ def search_blocks(blocks, poses, target, wanted, probes, first, guess, scratch):
     """
     turned = np.empty((3, len(target.point)), dtype=np.float32)
     squared = np.empty(BLOCK, dtype=np.float32)
-    _choose_clusters(blocks, target, probes, first, scratch)
+    # With a guess no cluster has to be looked into for a first limit.
+    _choose_clusters(blocks, target, probes, 0 if guess > 0.0 else first, scratch)
     limit, expected = np.float32(guess), False
     while True:
         if not expected and limit == 0.0:
+            if guess > 0.0:
+                _choose_clusters(blocks, target, probes, first, scratch)
             for cluster in range(len(blocks.cluster_center)):
                 if scratch.probed[cluster] == 2:
                     begin, end = blocks.cluster_begin[cluster], blocks.cluster_begin[cluster + 1]
