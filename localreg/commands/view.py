@@ -152,6 +152,9 @@ def view(
         look=look.value, measured=trackers, predicted=trackers, errors=trackers,
         trails=trails, labels=labels,
     )  # fmt: skip
+    for option, path, ending in (("--video", video, ".mp4"), ("--png", png, ".png")):
+        if path is not None and path.suffix.lower() != ending:
+            raise typer.BadParameter(f"{path} must end in {ending}", param_hint=option)
     if beside is not None and video is None and png is None:
         raise typer.BadParameter(
             "bodies stand side by side in pictures only: add --png or --video; --ghost shows "

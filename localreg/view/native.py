@@ -1,7 +1,7 @@
 """The body in a window: MuJoCo's classic viewer, showing one source.
 
-The classic viewer and not `mujoco.studio`'s, whose window needs Python 3.12; it has no
-panels, so keys do what buttons do elsewhere.
+The classic viewer on every Python: the window of `mujoco.studio` needs 3.12 and draws none of
+the panels in 4.0. So here keys do what buttons do on the page.
 """
 
 import math
@@ -189,13 +189,13 @@ def _texts(moment: Moment, controls: Controls, source: Source) -> list[Any]:
     """What is written into the window: title and time above, keys below."""
     grid, font = mujoco.mjtGridPos, mujoco.mjtFontScale.mjFONTSCALE_150
     words = [moment.title] if moment.title else []
-    figures = [f"{moment.time:.2f} s"]
+    figures = []
     deck = source.transport
     if deck is not None:
         state = "playing" if deck.is_playing else "paused"
         looping = ", looping" if deck.is_looping else ""
         words.append(f"{state} at {deck.speed:g} x{looping}")
-        figures[0] += f" of {deck.seconds:.2f} s"
+        figures.append(f"{moment.time:.2f} of {deck.seconds:.2f} s")
     if np.isfinite(moment.confidence):
         figures.append(f"confidence {100 * moment.confidence:.0f} %")
     texts = [(font, grid.mjGRID_TOPLEFT, "\n".join([*words, *figures]), "")]

@@ -122,6 +122,8 @@ def test_two_motions_side_by_side_as_a_picture(walk: Path, tmp_path: Path) -> No
     [
         (["--size", "wide", "--png", "a.png"], "write it as 1280x720"),
         (["--size", "63x63", "--png", "a.png"], "give even numbers from 64 on"),
+        (["--video", "a.avi"], "a.avi must end in .mp4"),
+        (["--png", "a.mp4"], "a.mp4 must end in .png"),
         (["--beside", "b.bvh"], "add --png or --video"),
         (["--frame", "99", "--png", "a.png", "--size", "64x64"], "the last is 19"),
         (["--clip", "other", "--png", "a.png"], "holds no clip other; it has walk"),
