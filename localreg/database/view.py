@@ -106,7 +106,8 @@ def subject_view(
     return SubjectView(
         database=database,
         metric=metric,
-        features=arrays["features"],
+        # As a plain array: a memory map is slow to index.
+        features=np.asarray(arrays["features"]),
         targets=targets,
         groups=groups[database.clip_index],
         index=BlockIndex.of_arrays(arrays),
