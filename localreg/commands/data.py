@@ -120,6 +120,7 @@ def fetch(
     from localreg.motion import fetch as fetching
     from localreg.motion.cmu_index import choose
     from localreg.motion.download import Patience
+    from localreg.motion.fetch_rates import RATES_NAME, write_rates
 
     people = [word for words in subjects or () for word in words.split(",") if word]
     words = [word for word in activity or () if word]
@@ -133,7 +134,9 @@ def fetch(
     console = output()
     with progress_bar("fetching") as bar:
         if everything:
+            known = fetching.load_index(to, source, index=index, update=update)
             report = fetching.fetch_all(to, source, update=update, progress=bar)
+            write_rates(known, to)
         else:
             known = fetching.load_index(to, source, index=index, update=update)
             chosen = choose(known, people, words)
@@ -148,8 +151,8 @@ def fetch(
         f"{to}: {len(report.fetched)} files fetched, {size:.1f} MB; {len(report.kept)} were there",
         soft_wrap=True,
     )
-    if (to / fetching.RATES_NAME).is_file():
-        console.print(f"{to / fetching.RATES_NAME} holds rates other than 120 Hz: pass it to "
+    if (to / RATES_NAME).is_file():
+        console.print(f"{to / RATES_NAME} holds rates other than 120 Hz: pass it to "
                       "other commands by --overrides", soft_wrap=True)  # fmt: skip
     console.print(fetching.CREDIT, soft_wrap=True)
     if report.failed:

@@ -11,14 +11,13 @@ import queue
 import threading
 import time
 import zipfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any, Final
 
 import pooch
-import tomli_w
 
 from localreg.errors import MotionError
 from localreg.motion.cmu_index import PAGE, Trial, read_index, write_index
@@ -33,6 +32,7 @@ from localreg.motion.download import (
 )
 from localreg.motion.download_checks import CHECKS
 from localreg.motion.fetch_lock import LOCK_NAME, Lock, unwritable
+from localreg.motion.fetch_rates import write_rates
 from localreg.motion.formats.atomic import written_at_once
 from localreg.motion.index import INDEX_NAME
 
@@ -47,12 +47,6 @@ CREDIT: Final = (
 
 ARCHIVE: Final = "allasfamc.zip"
 """The whole database in one file, on CMU's site."""
-
-RATES_NAME: Final = "cmu-rates.toml"
-"""File name of the overrides with the rates that differ from the usual one."""
-
-USUAL_RATE: Final = 120.0
-"""Frames a second of most of CMU's recordings [Hz]."""
 
 MOST_CONNECTIONS: Final = 8
 """So many at once, and no more, are polite."""
@@ -207,7 +201,7 @@ def fetch(
         downloader.stop()
         lock.save()
     _clean(folder)
-    _write_rates(trials, folder)
+    write_rates(trials, folder)
     return report
 
 
@@ -391,20 +385,3 @@ def _clean(folder: Path) -> None:
     partial = folder / _PARTIAL
     if partial.is_dir() and not any(partial.iterdir()):
         partial.rmdir()
-
-
-def _write_rates(trials: Iterable[Trial], folder: Path) -> None:
-    """Write the rates that differ from the usual one as an overrides file, if there are any."""
-    rules = [
-        {"match": f"{trial.name}.amc", "rate": trial.rate}
-        for trial in trials
-        if trial.rate not in (None, USUAL_RATE)
-    ]
-    if not rules:
-        return
-    path = folder / RATES_NAME
-    try:
-        with written_at_once(path) as temporary:
-            temporary.write_text(tomli_w.dumps({"version": 1, "file": rules}), encoding="utf-8")
-    except OSError as error:
-        raise unwritable(path, error) from error

@@ -23,8 +23,17 @@ from localreg.motion.download import (
     OfflineError,
     Patience,
 )
-from localreg.motion.fetch import ARCHIVE, RATES_NAME, Source, fetch, fetch_all, load_index
+from localreg.motion.fetch import (
+    ARCHIVE,
+    RATES_NAME,
+    Source,
+    fetch,
+    fetch_all,
+    load_index,
+    write_rates,
+)
 from localreg.motion.fetch_lock import LOCK_NAME
+from localreg.motion.fetch_rates import RATES_NAME, write_rates
 from localreg.motion.formats import read_motion
 from localreg.motion.index import INDEX_NAME, activity_of
 from localreg.motion.overrides import Overrides
@@ -87,6 +96,18 @@ def test_everything_arrives_and_is_motion(site, tmp_path):
     assert rules.settings(tmp_path / "subjects/60/60_01.amc").rate == 60.0
     assert rules.settings(path).rate is None
     assert not (tmp_path / ".partial").exists()
+
+
+def test_rates_add_up_and_what_people_wrote_stays(site, tmp_path):
+    salsa, waltz = Trial("60", "01", rate=60.0), Trial("60", "02", rate=30.0)
+    (tmp_path / RATES_NAME).write_text('version = 1\n[[file]]\nmatch = "60_02.amc"\nrate = 25\n')
+    write_rates([salsa], tmp_path)
+    write_rates([Trial("02", "01", rate=120.0), waltz], tmp_path)
+    rules = Overrides.load(tmp_path / RATES_NAME)
+    assert [(rule.match, rule.rate) for rule in rules.file] == [
+        ("60_02.amc", 25.0),
+        ("60_01.amc", 60.0),
+    ]
 
 
 def test_what_is_there_is_not_fetched_again(site, tmp_path):

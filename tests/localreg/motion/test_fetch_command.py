@@ -59,6 +59,8 @@ def test_everything_comes_as_one_archive(site, tmp_path):
     result = fetch(site, tmp_path, "--all")
     assert result.exit_code == 0, result.output
     assert there(tmp_path) == ALL_FILES
+    assert (tmp_path / INDEX_NAME).is_file()
+    assert "60_01.amc" in (tmp_path / "cmu-rates.toml").read_text()
 
 
 def test_what_cannot_be_had_is_one_sentence_and_a_failure(site, tmp_path):
