@@ -23,15 +23,7 @@ from localreg.motion.download import (
     OfflineError,
     Patience,
 )
-from localreg.motion.fetch import (
-    ARCHIVE,
-    RATES_NAME,
-    Source,
-    fetch,
-    fetch_all,
-    load_index,
-    write_rates,
-)
+from localreg.motion.fetch import ARCHIVE, Source, fetch, fetch_all, load_index
 from localreg.motion.fetch_lock import LOCK_NAME
 from localreg.motion.fetch_rates import RATES_NAME, write_rates
 from localreg.motion.formats import read_motion
