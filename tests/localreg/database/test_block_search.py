@@ -10,8 +10,9 @@ from localreg.database import PoseDatabase, block_index
 from localreg.database.block_index import BlockIndex, build_index
 from localreg.database.block_kernels import BLOCK, nth_smallest
 from localreg.database.block_search import BlockSearch
-from localreg.database.neighbours import ExactSearch, Metric, Query
+from localreg.database.neighbours import Metric, Query
 from tests.localreg.database.made_motion import make_motion
+from tests.localreg.database.plain_search import PlainSearch
 
 METRIC = Metric(np.array([0.3, 0.15, 0.07]), np.linspace(0.5, 3.0, 20))
 CLOSE = 2e-4
@@ -111,7 +112,7 @@ def test_neighbours_are_those_of_a_plain_scan(
         query = query._replace(history_valid=np.zeros(3, dtype=bool))
     search = BlockSearch(index, database.angles, features, allowed, METRIC)
     assert search.is_exact
-    plain = ExactSearch(database.angles, features, allowed, METRIC)
+    plain = PlainSearch(database.angles, features, allowed, METRIC)
     for _ in range(2):  # the second time with a guess from the first
         rows, squared = search.search(query, count)
         expected = plain.search(query, count)
@@ -133,7 +134,7 @@ def test_a_recording_can_be_left_out_of_one_search(index, database, features, ta
     for row in np.flatnonzero(targets)[::97]:
         query = query_at(database, features, row, 1)
         without = int(groups[row])
-        plain = ExactSearch(database.angles, features, targets & (groups != without), METRIC)
+        plain = PlainSearch(database.angles, features, targets & (groups != without), METRIC)
         rows, squared = search.search(query, 60, without)
         assert np.all(groups[rows] != without)
         expected = plain.search(query, 60).squared_distances

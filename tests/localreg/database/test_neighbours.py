@@ -11,10 +11,11 @@ from numpy import ndarray
 from localreg.database import PoseDatabase
 from localreg.database.block_index import build_index
 from localreg.database.block_search import BlockSearch
-from localreg.database.neighbours import ExactSearch, Metric, NeighbourSearch, Query, nearest
+from localreg.database.neighbours import Metric, NeighbourSearch, Query
 from localreg.database.view import SubjectView
 from localreg.synthesis.examples import example_source
 from tests.localreg.database.made_motion import make_motion
+from tests.localreg.database.plain_search import PlainSearch, nearest
 
 CLOSE = 2e-4  # poses are stored in single precision
 
@@ -63,8 +64,8 @@ def plain_distances(p: Problem) -> ndarray:
     return squared
 
 
-def plain_search(p: Problem) -> NeighbourSearch:
-    return ExactSearch(p.angles, p.features, p.allowed, p.metric)
+def plain_search(p: Problem) -> PlainSearch:
+    return PlainSearch(p.angles, p.features, p.allowed, p.metric)
 
 
 def block_search(p: Problem) -> NeighbourSearch:

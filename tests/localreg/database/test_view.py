@@ -11,9 +11,10 @@ from localreg.body.subject import Subject, canonical_subject
 from localreg.database import PoseDatabase, view
 from localreg.database.cache import FOLDER, cached_arrays, digest
 from localreg.database.features import FeatureLayout
-from localreg.database.neighbours import ExactSearch, Metric, Query
+from localreg.database.neighbours import Metric, Query
 from localreg.database.view import SubjectView, subject_view
 from tests.localreg.database.made_motion import make_motion
+from tests.localreg.database.plain_search import PlainSearch
 
 
 @pytest.fixture
@@ -106,7 +107,7 @@ def test_searches_see_what_is_allowed(folder: Path, cache: Path) -> None:
         search = seen.search(mask)
         assert search.is_exact
         targets = seen.targets if mask is None else seen.targets & mask
-        plain = ExactSearch(seen.database.angles, np.asarray(seen.features), targets, seen.metric)
+        plain = PlainSearch(seen.database.angles, np.asarray(seen.features), targets, seen.metric)
         expected = plain.search(query, 50).squared_distances
         np.testing.assert_allclose(
             search.search(query, 50).squared_distances, expected, rtol=2e-4, atol=2e-4
