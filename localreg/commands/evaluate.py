@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from localreg.commands.reading import OverridesFile, SourceRate, Sources
+from localreg.commands.reading import OverridesFile, SkeletonMapFile, SourceRate, Sources
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -131,6 +131,7 @@ def evaluate(
     ] = None,
     source_rate: SourceRate = None,
     overrides: OverridesFile = None,
+    skeleton_map: SkeletonMapFile = None,
     json_file: Annotated[
         Path | None,
         typer.Option("--json", metavar="FILE", help="Also write every figure; - for the output."),
@@ -224,7 +225,7 @@ def evaluate(
         )
     except SynthesisError as error:
         raise typer.BadParameter(str(error)) from error
-    motions, reading = read(sources, source_rate, overrides)
+    motions, reading = read(sources, source_rate, overrides, skeleton_map)
     warn_of_skipped(reading)
     if database is not None:
         learned = PoseDatabase.load(database)

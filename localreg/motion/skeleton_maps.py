@@ -172,6 +172,8 @@ class SkeletonMap(BaseModel):
             for bone, names in self.limbs.items():
                 if (joint := first(names, word)) is not None:
                     starts[side + bone] = joint
+            if starts.get(side + "wrist") == starts.get(side + "hand"):
+                starts.pop(side + "wrist", None)  # one joint for both is where the hand begins
             for bone, names in self.ends.items():
                 if bone != "head" and (joint := first(names, word)) is not None:
                     ends[side + bone] = joint

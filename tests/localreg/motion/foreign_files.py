@@ -119,6 +119,11 @@ LAYOUTS = {
                "{} Forearm", "{} Hand", "{} Finger2"),
         sides=("L", "R"), order="XYZ", unit=0.0254, up="z", prefix="Bip01 ", shifts=_ABOVE,
     ),
+    "CMU": Layout(
+        (("LowerBack", "lowerback"), ("Spine", "upperback"), ("Spine1", "thorax"),
+         ("Neck", "lowerneck"), ("Neck1", "upperneck"), ("Head", "head")),
+        {**_HUMAN_IK, "fingers": "{}HandIndex1"}, order="ZYX", unit=0.0254 / 0.45,
+    ),
     "Acclaim": Layout(
         tuple((b, b) for b in ("lowerback", "upperback", "thorax", "lowerneck", "upperneck",
                                "head")),
