@@ -159,8 +159,8 @@ def learn(
     step_share = found.step.best_share(familiar)
     step_errors = found.step.errors(step_share)
     return Experience(
-        pose=pose,
-        step=step,
+        pose=pose.worked_out(targets),
+        step=step.worked_out(targets),
         steps=transitions,
         pose_share=share,
         step_share=step_share,

@@ -6,11 +6,11 @@ directions. What does not change from frame to frame is worked out here once.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import no_type_check
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int
+from jaxtyping import Bool, Float, Float32, Int, Int16
 from numba import njit
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
@@ -28,29 +28,61 @@ class Inputs:
 
     Attributes:
         noise: what each raw input is off by.
+        center: what it is on average.
         onto: from raw inputs to the principal directions of inputs in units of their noise.
-        reduced: every pose's inputs along these; rows without a full past are not used.
         raw: reads the inputs of some rows as they are.
+        reduced: every pose's inputs along these directions, once they have been worked out,
+            in units of `unit`; rows without a full past are not used.
+        unit: what one is worth in each direction, far less than the noise.
     """
 
     noise: Float[ndarray, " n"]
+    center: Float32[ndarray, " n"]
     onto: Float32[ndarray, "n r"]
-    reduced: Float32[ndarray, "N r"]
     raw: Callable[[Int[ndarray, " rows"]], Float32[ndarray, "rows n"]]
+    reduced: Int16[ndarray, "N r"] | None = None
+    unit: Float32[ndarray, " r"] | None = None
 
     def of(
         self, rows: Int[ndarray, " rows"], trust: Float[ndarray, " n"]
     ) -> Float32[ndarray, "rows r"]:
         """Reduced inputs of some rows, with no more trust than the query's."""
-        if np.all(trust == 1.0):
-            return self.reduced[rows]
+        if self.reduced is not None and np.all(trust == 1.0):
+            return _read(self.reduced, self.unit, rows)
         return self.reduce(self.raw(rows), trust)
 
     def reduce(
         self, raw: Float[ndarray, "*k n"], trust: Float[ndarray, " n"]
     ) -> Float32[ndarray, "*k r"]:
         """Raw inputs along the principal directions, those of no trust left out."""
-        return (raw * trust).astype(np.float32) @ self.onto
+        return ((raw - self.center) * trust).astype(np.float32) @ self.onto
+
+    def worked_out(self, targets: Bool[ndarray, " N"]) -> "Inputs":
+        """The same with the inputs of all targets reduced beforehand."""
+        rows = np.flatnonzero(targets)
+        chunks = [rows[begin : begin + _CHUNK] for begin in range(0, len(rows), _CHUNK)]
+        largest = np.zeros(self.onto.shape[1], dtype=np.float32)
+        for chunk in chunks:
+            np.maximum(largest, np.abs(self._along(chunk)).max(axis=0), out=largest)
+        unit = np.maximum(largest, 1e-6) / np.float32(np.iinfo(np.int16).max)
+        reduced = np.zeros((len(targets), len(unit)), dtype=np.int16)
+        for chunk in chunks:
+            reduced[chunk] = np.rint(self._along(chunk) / unit)
+        return replace(self, reduced=reduced, unit=unit)
+
+    def _along(self, rows: Int[ndarray, " rows"]) -> Float32[ndarray, "rows r"]:
+        return (self.raw(rows) - self.center) @ self.onto
+
+
+@njit(cache=True)
+@no_type_check
+def _read(reduced, unit, rows):
+    out = np.empty((len(rows), len(unit)), np.float32)
+    for i in range(len(rows)):
+        row = reduced[rows[i]]
+        for j in range(len(unit)):
+            out[i, j] = unit[j] * row[j]
+    return out
 
 
 def pose_inputs(
@@ -139,13 +171,10 @@ def _inputs(
     components: int,
 ) -> Inputs:
     rows = np.flatnonzero(targets)
-    scaled = raw(rows[:: max(1, len(rows) // _BASIS_ROWS)]) / noise
-    scaled -= scaled.mean(axis=0, dtype=float)
+    some = raw(rows[:: max(1, len(rows) // _BASIS_ROWS)])
+    center = some.mean(axis=0, dtype=float).astype(np.float32)
+    scaled = (some - center) / noise
     vectors = np.linalg.eigh(scaled.T @ scaled)[1]
     basis = vectors[:, ::-1][:, :components]
     onto = np.ascontiguousarray(basis / noise[:, None], dtype=np.float32)
-    reduced = np.zeros((len(targets), onto.shape[1]), dtype=np.float32)
-    for begin in range(0, len(rows), _CHUNK):
-        chunk = rows[begin : begin + _CHUNK]
-        reduced[chunk] = raw(chunk) @ onto
-    return Inputs(noise, onto, reduced, raw)
+    return Inputs(noise, center, onto, raw)
