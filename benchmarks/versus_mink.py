@@ -120,6 +120,19 @@ def mink_estimator(motion: Motion, settings: MinkSettings) -> MinkEstimator:
     return MinkEstimator(motion.subject, motion.rate, starts, settings)
 
 
+def time_lines(evaluation: Evaluation) -> list[str]:
+    """How long half of the frames take at most, every method beside mink, on the same frames."""
+    medians = {
+        method: float(np.median(np.concatenate([clip.step_ms for clip in evaluation.of(method)])))
+        for method in dict.fromkeys(clip.method for clip in evaluation.clips)
+    }
+    mink = medians["mink"]
+    return [
+        f"{method}: half of the frames within {median:.2f} ms, {median / mink:.2f} of mink's"
+        for method, median in medians.items()
+    ]
+
+
 def tune(
     trials: Sequence[Trial], protocol: Protocol, progress: Progress
 ) -> list[tuple[float, MinkSettings]]:
@@ -174,7 +187,7 @@ def main(
         notes().print(f"too short to be a test: {', '.join(evaluation.too_short)}")
     for table in (mean_table, difference_table, activity_table, more_table):
         console.print(table(evaluation).to_rich())
-    for line in worse_lines(evaluation):
+    for line in (*worse_lines(evaluation), *time_lines(evaluation)):
         console.print(line)
     if json_file is not None:
         write_json(to_json(evaluation), json_file)

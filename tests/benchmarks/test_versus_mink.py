@@ -11,7 +11,7 @@ pytest.importorskip("mink")
 
 from benchmarks.mink_estimator import MinkEstimator
 from benchmarks.tuning import tuning_clips
-from benchmarks.versus_mink import TUNED, mink_estimator, mink_results, run_clips
+from benchmarks.versus_mink import TUNED, mink_estimator, mink_results, run_clips, time_lines
 from localreg.body.skeleton import joint_limits
 from localreg.database import PoseDatabase
 from localreg.evaluation import worker
@@ -102,6 +102,9 @@ def test_the_same_frames_for_all_and_the_contract(
     assert document["timing"]["mink"]["p50_ms"] > 0.0
     assert document["mean"]["mink-truth"]["both"]["tracker_error_cm"] < 1.0
     assert document["per_activity"]["mink"]["both"]["walk"]["clips"] == 2
+    ratios = dict(line.split(": half of the frames within ") for line in time_lines(evaluation))
+    assert list(ratios) == ["ik", "mink", "mink-truth"]
+    assert ratios["mink"].endswith("ms, 1.00 of mink's")
     again = mink_results(Trial(walk.first(12), ()), protocol, TUNED)
     assert again[0].figures == evaluation.of("mink")[0].figures
 
