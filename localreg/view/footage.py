@@ -121,7 +121,7 @@ class Reel:
             self._observer.forget()
         rate, qpos = self.footage.motion.rate, self.footage.motion.qpos
         for past in range(first, index):
-            self._observer.observe(past / rate, qpos[past], is_start=self._is_start(past))
+            self._observer.pass_by(past / rate, qpos[past], is_start=self._is_start(past))
 
     def _is_start(self, index: int) -> bool:
         starts = self.footage.starts

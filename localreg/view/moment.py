@@ -201,10 +201,8 @@ class Observer:
             heard: how the reports of trackers come in, by name.
             is_start: whether the body was just found anew, which ends the trails.
         """
-        self._data.qpos[:] = qpos
-        mujoco.mj_kinematics(self._model, self._data)
+        self.pass_by(time, qpos, is_start=is_start)
         places = self._data.site_xpos[self._sites]
-        self._remember(time, places, jumped=is_start)
         trackers = () if frame is None else self._trackers(frame, places, heard or {})
         return Moment(
             time=time,
@@ -213,6 +211,12 @@ class Observer:
             trails=self._trails(),
             is_start=is_start,
         )
+
+    def pass_by(self, time: float, qpos: Float[ndarray, "63"], *, is_start: bool = False) -> None:
+        """Remember a pose for the trails that nobody looks at otherwise; see `observe`."""
+        self._data.qpos[:] = qpos
+        mujoco.mj_kinematics(self._model, self._data)
+        self._remember(time, self._data.site_xpos[self._sites], jumped=is_start)
 
     def worn(self, time: float, qpos: Float[ndarray, "63"]) -> TrackerFrame:
         """What perfect trackers would say of a pose."""
@@ -271,7 +275,7 @@ class Observer:
         if past and time - past[-1][0] > self._trail_seconds:
             past.clear()
         if self._trail_seconds > 0.0:
-            past.append((time, places.copy()))
+            past.append((time, places))
         while past and time - past[0][0] > self._trail_seconds:
             past.popleft()
 

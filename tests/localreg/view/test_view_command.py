@@ -75,9 +75,9 @@ def test_a_minute_of_amc_plays_to_the_end_and_scrubs(minute: Path) -> None:
     seen, elapsed = [], 0
     while source.transport.is_playing:
         seen.append(source.newest().index)
-        now += 0.05
+        now += 0.2
         elapsed += 1
-    assert elapsed == pytest.approx(SECONDS / 0.05, abs=2)
+    assert elapsed == pytest.approx(SECONDS / 0.2, abs=2)
     assert seen[0] == 0
     assert np.all(np.diff(seen) > 0)
     assert source.newest().index == SECONDS * RATE - 1
