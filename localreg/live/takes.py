@@ -4,7 +4,6 @@ Buttons are pressed while the loop runs, so whatever takes time is done elsewher
 files by a thread of their own, the whole run by a process of low priority.
 """
 
-import os
 import subprocess
 import sys
 import tempfile
@@ -15,13 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
-from localreg.body.subject import Subject, read_subject, write_subject
+from localreg.body.subject import Subject, write_subject
 from localreg.errors import LocalregError
 from localreg.live.outputs import open_motion_file
 from localreg.live.sinks.base import LivePose, Sink
 from localreg.live.sinks.collector import Collector
-from localreg.motion.formats.registry import write_motion
-from localreg.motion.motion import Motion, Provenance
 from sensors.recording import Recorder
 from sensors.recording.schemas import object_schema
 
@@ -142,7 +139,7 @@ class Takes(Sink):
             np.save(Path(scratch) / "qpos.npy", qpos)
             write_subject(self._subject, Path(scratch) / "subject.toml")
             done = subprocess.run(
-                [sys.executable, "-m", "localreg.live.takes", scratch, str(file), str(self._rate)],
+                [sys.executable, "-m", "localreg.live.export", scratch, str(file), str(self._rate)],
                 capture_output=True, text=True, check=False,
             )  # fmt: skip
         if done.returncode:
@@ -171,21 +168,3 @@ class Takes(Sink):
         except OSError as error:
             reason = (error.strerror or str(error)).lower()
             raise LocalregError(f"cannot make the folder {self._folder}: {reason}") from None
-
-
-def main(arguments: list[str]) -> int:
-    """Write the motion that a run left in a folder."""
-    os.nice(10)
-    scratch, file, rate = Path(arguments[0]), Path(arguments[1]), float(arguments[2])
-    qpos = np.load(scratch / "qpos.npy", allow_pickle=False)
-    subject = read_subject(scratch / "subject.toml")
-    try:
-        write_motion(Motion(qpos, rate, subject, Provenance(file.stem)), file)
-    except LocalregError as error:
-        sys.stderr.write(f"{error}\n")
-        return 1
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

@@ -9,10 +9,14 @@ import pytest
 from websockets.sync.client import connect
 from websockets.typing import Origin
 
+from localreg.body.subject import canonical_subject
 from localreg.live.config_files import find_config
-from localreg.live.view_options import usual_kind
+from localreg.live.view_options import ViewOptions, usual_kind
+from localreg.live.viewing import LiveView
 from tests.localreg.live.daemons import PATIENCE, daemon, eventually
 from tests.localreg.view.sockets import family_of, ports_beyond_loopback
+
+EVERYWHERE = "0.0.0.0"  # noqa: S104  (for a second, to see that it is warned of)
 
 
 def test_a_run_is_seen_while_it_lasts(tmp_path: Path):
@@ -57,3 +61,17 @@ def test_a_window_needs_a_display(
     monkeypatch.setenv("DISPLAY", display)
     monkeypatch.setenv("WAYLAND_DISPLAY", wayland)
     assert usual_kind() == kind
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", EVERYWHERE])
+def test_a_page_for_everybody_is_warned_of(host: str, tmp_path: Path):
+    told: list[str] = []
+    options = ViewOptions("web", host, 0, tmp_path)
+    with LiveView(options, canonical_subject(), 40.0, told.append) as view:
+        url = view.wait()
+        assert url.startswith("http://127.0.0.1:")
+        assert bool(ports_beyond_loopback(view.pid)) == (host == EVERYWHERE)
+    assert told[0] == f"view: {url}"
+    assert [words.startswith("warning: the view is open") for words in told[1:]] == (
+        [True] if host == EVERYWHERE else []
+    )

@@ -21,7 +21,7 @@ from tests.localreg.view.sockets import family_of, ports_beyond_loopback
 sync_api = pytest.importorskip("playwright.sync_api")
 pytest.importorskip("envpool_assets")
 
-PATIENCE = 120.0
+PATIENCE = 240.0
 SIZE = (800, 480)
 PANEL = 380
 """Width of the side window with its margins [pixels]."""
