@@ -32,7 +32,7 @@ USUAL_HEIGHT: Final = 1.8
 _AIR: Final = 1.36  # what a picture shows from bottom to top at the body, in its heights
 _SPREAD: Final = 1.0  # and from left to right at least, for arms
 _MIDDLE: Final = 0.51  # height above the floor that is looked at, in the body's
-_USUAL: Final = (0.45, 1.15)  # heights of the root at which the camera stays at its height [m]
+_USUAL: Final = (0.25, 0.62)  # heights of the root at which the camera stays, in the body's
 _HALF_FIELD: Final = math.tan(math.radians(22.5))  # of MuJoCo's free camera, vertically
 _MOVES_IN: Final = 0.15  # how soon the camera has followed the body [s]
 _TURNS_IN: Final = 1.2  # how soon it has turned after it [s]
@@ -109,6 +109,6 @@ def followed(
 
 def _target(qpos: Float[ndarray, "63"], height: float) -> tuple[float, float, float]:
     x, y, z = (float(value) for value in qpos[:3])
-    low, high = _USUAL
+    low, high = (share * height for share in _USUAL)
     # Up and down goes only who leaves the ground or lies on it.
     return x, y, _MIDDLE * height + max(0.0, z - high) + 0.5 * min(0.0, z - low)
