@@ -14,7 +14,6 @@ from jaxtyping import Float, Int
 from numba import njit
 from numpy import ndarray
 
-from localreg.body.kinematics import Kinematics
 from localreg.body.skeleton import DOF_COUNT
 
 
@@ -60,24 +59,6 @@ class Placed(NamedTuple):
     hinge_axis: Float[ndarray, "56 3"]
     site_position: Float[ndarray, "J 3"]
     site_orientation: Float[ndarray, "J 4"]
-
-
-def chain_of(kinematics: Kinematics) -> Chain:
-    """The plain arrays of a subject's kinematics."""
-    slots = np.array(kinematics.hinge_index)
-    axes = np.asarray(kinematics.hinge_axes)
-    bodies, places = np.array(kinematics.hinge_body), np.array(kinematics.hinge_slot)
-    return Chain(
-        parent=np.array(kinematics.ancestors[0], dtype=np.int64),
-        offset=np.ascontiguousarray(kinematics.offsets, dtype=float),
-        orientation=np.ascontiguousarray(kinematics.orientations, dtype=float),
-        first_hinge=np.maximum(slots[:, 0], 0).astype(np.int64),
-        hinge_count=np.sum(slots >= 0, axis=1).astype(np.int64),
-        hinge_axis=np.ascontiguousarray(axes[bodies, places], dtype=float),
-        site_body=np.array(kinematics.trackers.body, dtype=np.int64),
-        site_position=np.ascontiguousarray(kinematics.trackers.positions, dtype=float),
-        site_orientation=np.ascontiguousarray(kinematics.trackers.quaternions, dtype=float),
-    )
 
 
 def blank_placed(chain: Chain) -> Placed:

@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from localreg import numerics as numerics
 from localreg.body import rotations
+from localreg.body.chain import Chain
 from localreg.body.model import build_model, end_site, tracker_site
 from localreg.body.skeleton import BODY_NAMES
 from localreg.body.subject import Subject
@@ -183,6 +184,24 @@ class Kinematics(eqx.Module):
                 moved[row] |= hinges == body
                 body = parents[body]
         return moved
+
+
+def chain_of(kinematics: Kinematics) -> Chain:
+    """The plain arrays of a subject's kinematics."""
+    slots = np.array(kinematics.hinge_index)
+    axes = np.asarray(kinematics.hinge_axes)
+    bodies, places = np.array(kinematics.hinge_body), np.array(kinematics.hinge_slot)
+    return Chain(
+        parent=np.array(kinematics.ancestors[0], dtype=np.int64),
+        offset=np.ascontiguousarray(kinematics.offsets, dtype=float),
+        orientation=np.ascontiguousarray(kinematics.orientations, dtype=float),
+        first_hinge=np.maximum(slots[:, 0], 0).astype(np.int64),
+        hinge_count=np.sum(slots >= 0, axis=1).astype(np.int64),
+        hinge_axis=np.ascontiguousarray(axes[bodies, places], dtype=float),
+        site_body=np.array(kinematics.trackers.body, dtype=np.int64),
+        site_position=np.ascontiguousarray(kinematics.trackers.positions, dtype=float),
+        site_orientation=np.ascontiguousarray(kinematics.trackers.quaternions, dtype=float),
+    )
 
 
 def integrate(qpos: Float[Array, " 63"], step: Float[Array, " 62"]) -> Float[Array, " 63"]:

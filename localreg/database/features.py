@@ -17,8 +17,8 @@ from jaxtyping import Bool, Float, Float32, Int
 from numba import njit
 from numpy import ndarray
 
-from localreg.body.chain import blank_placed, chain_of, place
-from localreg.body.kinematics import Kinematics
+from localreg.body.chain import blank_placed, place
+from localreg.body.kinematics import Kinematics, chain_of
 from localreg.body.skeleton import BONES
 from localreg.body.subject import Subject
 

@@ -13,9 +13,9 @@ import numpy as np
 from jaxtyping import Bool, Float32
 from numpy import ndarray
 
-from localreg.body.chain import chain_of
-from localreg.body.kinematics import Kinematics
+from localreg.body.kinematics import Kinematics, chain_of
 from localreg.database.block_index import BlockIndex, build_index
+from localreg.database.block_kernels import Blocks
 from localreg.database.block_search import PROBES, BlockSearch
 from localreg.database.cache import cached_arrays, digest
 from localreg.database.features import FeatureLayout, database_features
@@ -26,7 +26,8 @@ LARGE: Final = 200_000
 """Poses from which neighbours are sought in the likeliest clusters only."""
 
 _WORTH_KEEPING: Final = 20_000  # poses that take longer to index than to map
-_VERSION: Final = 1  # of what is kept
+_VERSION: Final = 2  # of what is kept
+_INDEX: Final = ("mean", "basis", *Blocks._fields)
 
 Tell = Callable[[int, int, str], None]
 
@@ -103,6 +104,8 @@ def subject_view(
     else:
         arrays = make()
     groups = np.array([clip.group for clip in database.clips], dtype=np.int32)
+    # Every search reads all over the index (60 MB of a million poses): in memory of its own it
+    # has large pages and no page is fetched in the middle of a frame.
     return SubjectView(
         database=database,
         metric=metric,
@@ -110,5 +113,5 @@ def subject_view(
         features=np.asarray(arrays["features"]),
         targets=targets,
         groups=groups[database.clip_index],
-        index=BlockIndex.of_arrays(arrays),
+        index=BlockIndex.of_arrays({name: np.array(arrays[name]) for name in _INDEX}),
     )

@@ -6,8 +6,8 @@ from jaxtyping import Bool, Float
 from numpy import ndarray
 
 from localreg import numerics as numerics
-from localreg.body.chain import Chain, chain_of
-from localreg.body.kinematics import Kinematics
+from localreg.body.chain import Chain
+from localreg.body.kinematics import Kinematics, chain_of
 from localreg.body.skeleton import DOF_COUNT, DOF_NAMES, joint_limits
 from localreg.body.subject import Subject
 from localreg.database.features import FeatureLayout

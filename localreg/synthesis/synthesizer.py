@@ -13,8 +13,8 @@ from jaxtyping import Bool, Float
 from numba import njit
 from numpy import ndarray
 
-from localreg.body.chain import Chain, chain_of, place_trackers
-from localreg.body.kinematics import Kinematics
+from localreg.body.chain import Chain, place_trackers
+from localreg.body.kinematics import Kinematics, chain_of
 from localreg.body.skeleton import TANGENT_SIZE
 from localreg.body.subject import Subject
 from localreg.database.features import FeatureLayout

@@ -11,8 +11,8 @@ from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
 from localreg.body import chain, kinematics, rotations
-from localreg.body.chain import Placed, blank_placed, chain_of, place, place_trackers
-from localreg.body.kinematics import Kinematics
+from localreg.body.chain import Placed, blank_placed, place, place_trackers
+from localreg.body.kinematics import Kinematics, chain_of
 from localreg.body.model import build_model, tracker_site
 from localreg.body.skeleton import DOF_NAMES, TANGENT_SIZE
 from localreg.body.subject import Subject, canonical_subject

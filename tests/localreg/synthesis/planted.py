@@ -5,8 +5,7 @@ import numpy as np
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
-from localreg.body.chain import chain_of
-from localreg.body.kinematics import Kinematics
+from localreg.body.kinematics import Kinematics, chain_of
 from localreg.body.subject import canonical_subject
 from localreg.evaluation.body_points import BodyPoints
 from localreg.numerics import host_arrays

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from numpy import ndarray
 
-from localreg.body.chain import chain_of
-from localreg.body.kinematics import Kinematics
+from localreg.body.kinematics import Kinematics, chain_of
 from localreg.database import PoseDatabase
 from localreg.motion.motion import Motion
 from localreg.synthesis import experience

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy import ndarray
 
-from localreg.body.chain import chain_of
+from localreg.body.kinematics import chain_of
 from localreg.body.subject import Subject
 from localreg.database import PoseDatabase
 from localreg.database.block_search import BlockSearch
