@@ -126,6 +126,7 @@ def build_index(
     blocks = Blocks(
         center=center[order],
         tangent=tangent[order],
+        gram=_gram(tangent[order]),
         first=first[order].astype(np.int32),
         windows=((1 << present[order]) - 1).astype(np.uint8),
         radius=radius[order],
@@ -137,6 +138,13 @@ def build_index(
         cluster_begin=begin.astype(np.int32),
     )
     return BlockIndex(mean, basis, blocks)
+
+
+def _gram(tangent: Float32[ndarray, "B 2 d"]) -> Float32[ndarray, "B 3"]:
+    pairs = ((0, 0), (0, 1), (1, 1))
+    return np.stack(
+        [np.einsum("bd,bd->b", tangent[:, one], tangent[:, other]) for one, other in pairs], axis=1
+    )
 
 
 def _block_ends(targets: Bool[ndarray, " N"]) -> tuple[Int[ndarray, " B"], Int[ndarray, " B"]]:

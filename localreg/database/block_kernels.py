@@ -31,6 +31,7 @@ class Blocks(NamedTuple):
     Attributes:
         center: means.
         tangent: slopes and bends.
+        gram: of each slope its square, its product with the bend, and the bend's square.
         first: row of the first window.
         windows: which of the 8 are windows, one bit each.
         radius: of the ball about the center that holds them.
@@ -44,6 +45,7 @@ class Blocks(NamedTuple):
 
     center: Float32[ndarray, "B d"]
     tangent: Float32[ndarray, "B 2 d"]
+    gram: Float32[ndarray, "B 3"]
     first: Int32[ndarray, " B"]
     windows: UInt8[ndarray, " B"]
     radius: Float32[ndarray, " B"]
@@ -207,17 +209,12 @@ def _turn(matrix, vector, out):
 
 @njit(cache=True, fastmath=_FAST, inline="always")
 @no_type_check
-def _along_curve(point, center, slope, bend, out):
-    """Write the squared distances of a point to the 8 points of a curve; returns their least."""
-    cc = cs = cb = ss = sb = bb = np.float32(0.0)
-    for i in range(len(point)):
-        away = point[i] - center[i]
-        cc += away * away
-        cs += away * slope[i]
-        cb += away * bend[i]
-        ss += slope[i] * slope[i]
-        sb += slope[i] * bend[i]
-        bb += bend[i] * bend[i]
+def _along_curve(cc, cs, cb, ss, sb, bb, out):
+    """Write the squared distances of a point to the 8 points of a curve; returns their least.
+
+    The arguments are the inner products of c, from the center to the point, and of the
+    curve's slope s and bend b.
+    """
     least = np.float32(np.inf)
     for k in range(BLOCK):
         t = np.float32(k - 3.5)
@@ -262,19 +259,29 @@ def _measure(centers, target, begin, end, scratch, out):
 
 @njit(cache=True, fastmath=_FAST, inline="always")
 @no_type_check
-def _curve_of(blocks, target, block, turned, squared):
+def _curve_of(blocks, target, block, apart, turned, squared):
     """Squared distances of the windows of one block, as its curve has them."""
-    center, slope, bend = (
-        blocks.center[block],
-        blocks.tangent[block, 0],
-        blocks.tangent[block, 1],
-    )
+    cs = cb = ss = sb = bb = np.float32(0.0)
     if len(target.turn):
-        _turn(target.turn, center, turned[0])
-        _turn(target.turn, slope, turned[1])
-        _turn(target.turn, bend, turned[2])
-        center, slope, bend = turned[0], turned[1], turned[2]
-    return _along_curve(target.point, center, slope, bend, squared)
+        _turn(target.turn, blocks.center[block], turned[0])
+        _turn(target.turn, blocks.tangent[block, 0], turned[1])
+        _turn(target.turn, blocks.tangent[block, 1], turned[2])
+        for i in range(len(target.point)):
+            away = target.point[i] - turned[0, i]
+            slope, bend = turned[1, i], turned[2, i]
+            cs += away * slope
+            cb += away * bend
+            ss += slope * slope
+            sb += slope * bend
+            bb += bend * bend
+    else:
+        # Not by views of rows: counting who holds them costs as much as all the rest.
+        for i in range(len(target.point)):
+            away = target.point[i] - blocks.center[block, i]
+            cs += away * blocks.tangent[block, 0, i]
+            cb += away * blocks.tangent[block, 1, i]
+        ss, sb, bb = blocks.gram[block, 0], blocks.gram[block, 1], blocks.gram[block, 2]
+    return _along_curve(apart, cs, cb, ss, sb, bb, squared)
 
 
 @njit(cache=True, fastmath=_FAST)
@@ -322,7 +329,7 @@ def _expected_limit(blocks, poses, target, wanted, scratch, turned, squared):
             for block in range(blocks.cluster_begin[cluster], blocks.cluster_begin[cluster + 1]):
                 if scratch.apart[block] > limit:
                     continue
-                _curve_of(blocks, target, block, turned, squared)
+                _curve_of(blocks, target, block, scratch.apart[block], turned, squared)
                 beside = _beside(blocks, block)
                 windows = blocks.windows[block]
                 for k in range(BLOCK):
@@ -363,7 +370,7 @@ def _gather(blocks, poses, target, begin, end, limit, farthest, scratch, count, 
             continue
         tube = reach + blocks.off_curve[block]
         tube *= tube
-        if _curve_of(blocks, target, block, turned, squared) > tube:
+        if _curve_of(blocks, target, block, scratch.apart[block], turned, squared) > tube:
             continue
         beside = _beside(blocks, block)
         windows = blocks.windows[block]
