@@ -35,6 +35,7 @@ from localreg.synthesis.local_fit import LocalFit, Normal, kernel_weights, withi
 from localreg.synthesis.prior import Acquisition, Expectation, Prior, spread_starts
 from localreg.synthesis.settings import Settings
 from localreg.synthesis.state import State
+from localreg.synthesis.windows import ranges
 
 _FARTHEST = 100.0  # squared distance beyond which nothing more is doubted
 
@@ -97,9 +98,7 @@ class LocalRegression(Prior):
             feature_noise: what each feature column is off by.
             chain: the body that wears the trackers.
         """
-        seen = source.database.angles[source.targets]
-        low, high = seen.min(axis=0).astype(float), seen.max(axis=0).astype(float)
-        limits = Limits(low, high, settings.limit_softness)
+        limits = Limits(*ranges(source.angles, source.targets), settings.limit_softness)
         return cls(settings, source, learn(source, settings, feature_noise, chain), limits)
 
     def expect(self, query: Query, state: State) -> Expectation:

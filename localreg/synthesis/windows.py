@@ -19,7 +19,7 @@ from localreg.body.skeleton import DOF_COUNT
 from localreg.database.store import PoseDatabase
 
 _BASIS_ROWS = 4000  # windows that principal directions are found from
-_CHUNK = 65_536
+_CHUNK = 8192  # rows at a time: bounds memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +115,21 @@ def step_inputs(
         return database.histories(rows, history).reshape(len(rows), -1)
 
     return _inputs(raw, targets, np.full(history * DOF_COUNT, noise), components)
+
+
+def ranges(
+    angles: Float32[ndarray, "N 56"], targets: Bool[ndarray, " N"]
+) -> tuple[Float[ndarray, "56"], Float[ndarray, "56"]]:
+    """The least and the greatest value of every joint angle among the targets [rad]."""
+    low, high = np.full(angles.shape[1], np.inf), np.full(angles.shape[1], -np.inf)
+    for begin in range(0, len(angles), _CHUNK):
+        chunk = slice(begin, begin + _CHUNK)
+        kept = angles[chunk][targets[chunk]]
+        low, high = (
+            np.minimum(low, kept.min(axis=0, initial=np.inf)),
+            np.maximum(high, kept.max(axis=0, initial=-np.inf)),
+        )
+    return low, high
 
 
 @dataclass(frozen=True, eq=False)
