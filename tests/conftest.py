@@ -1,6 +1,7 @@
 """What all tests share: double precision, and the real motions if they are at hand."""
 
 import os
+import signal
 from pathlib import Path
 
 import jax
@@ -9,6 +10,9 @@ import pytest
 jax.config.update("jax_enable_x64", True)
 # Tests on several processes are told the width of a terminal that they do not have.
 os.environ.pop("COLUMNS", None)
+# A job in a script's background ignores interrupts, and so would the programs that tests start.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")

@@ -60,8 +60,8 @@ class Settings:
     prior: str = "localreg"
     neighbours: int = 128
     history: int = 3
-    sigma_position: float = 0.004
-    sigma_orientation: float = radians(1.0)
+    sigma_position: float = 0.005
+    sigma_orientation: float = radians(0.65)
     lorentzian: float = 9.0
     max_steps: int = 16
     max_steps_acquire: int = 40
@@ -73,15 +73,15 @@ class Settings:
     feature_rotation_noise: float = 0.012
     pose_information: float = 0.15
     pose_ridge: float = 10.0
-    step_ridge: float = 30.0
-    step_noise: float = radians(0.5)
-    drift_memory: float = 0.85
+    step_ridge: float = 100.0
+    step_noise: float = radians(2.0)
+    drift_memory: float = 0.75
     step_floor_position: float = 0.001
-    step_floor_angle: float = radians(0.1)
+    step_floor_angle: float = radians(0.05)
     rehearsals: int = 300
-    metric_history: tuple[float, ...] = (0.3, 0.15, 0.07)
+    metric_history: tuple[float, ...] = (0.6, 0.3, 0.15)
     search_by_trackers: bool = True
-    metric_position: float = 3.0
+    metric_position: float = 2.0
     metric_rotation: float = 0.5
     root_position: float = 0.1
     root_orientation: float = 0.3
@@ -104,8 +104,13 @@ class Settings:
 PRIORS: Final = ("localreg", "paper", "joint", "ik", "lpcr", "lpca")
 """Names of the priors."""
 
+# What the rivals were tuned with.
+_RIVAL: Final = replace(
+    Settings(), sigma_position=0.004, sigma_orientation=radians(1.0), metric_position=3.0
+)
+
 _PUBLISHED: Final = replace(
-    Settings(),
+    _RIVAL,
     metric_history=(1.0, 0.5, 0.25),
     search_by_trackers=False,
     neighbours=60,
@@ -128,7 +133,7 @@ METHODS: Final[dict[str, Settings]] = {
         smoothness=radians(12.0),
     ),
     "ik": replace(
-        Settings(),
+        _RIVAL,
         prior="ik",
         neighbours=0,
         limit_softness=radians(3.0),
