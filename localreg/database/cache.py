@@ -26,6 +26,8 @@ FOLDER: Final = "LOCALREG_CACHE_DIR"
 MOST_BYTES: Final = 4 * 2**30
 """The folder is kept below this size [bytes]."""
 
+_PAGE: Final = 4096  # bytes
+
 
 def cache_folder() -> Path:
     """Where entries are kept: `LOCALREG_CACHE_DIR`, or a folder of the user's cache."""
@@ -56,6 +58,8 @@ def cached_arrays(
 ) -> dict[str, ndarray]:
     """The arrays of that name, made if they are not there; mapped read-only if they are.
 
+    They are plain arrays in either case: a memory map is slow to index.
+
     Args:
         name: from `digest`.
         make: works them out.
@@ -71,9 +75,15 @@ def cached_arrays(
         write_folder(place, {}, made, FORMAT)
         _make_room(place, most_bytes)
     except (DatabaseError, OSError):
-        return made
+        return _read_only(made)
     # Mapped pages can be let go when memory is short; the arrays as made cannot.
-    return _read(place) or made
+    return _read(place) or _read_only(made)
+
+
+def touch(array: ndarray) -> None:
+    """Have all pages of a mapped array in memory, so that none is fetched in a frame."""
+    flat = array.reshape(-1)
+    flat[:: max(1, _PAGE // flat.itemsize)].max(initial=0)
 
 
 def _read(place: Path) -> dict[str, ndarray] | None:
@@ -83,7 +93,15 @@ def _read(place: Path) -> dict[str, ndarray] | None:
         return None
     with contextlib.suppress(OSError):
         os.utime(place)
-    return arrays
+    return _read_only(arrays)
+
+
+def _read_only(arrays: Mapping[str, ndarray]) -> dict[str, ndarray]:
+    """Views of one type, whether mapped or not, that nobody can write to."""
+    views = {name: array.view(np.ndarray) for name, array in arrays.items()}
+    for view in views.values():
+        view.flags.writeable = False
+    return views
 
 
 def _make_room(kept: Path, most_bytes: int) -> None:

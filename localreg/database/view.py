@@ -17,7 +17,7 @@ from localreg.body.kinematics import Kinematics, chain_of
 from localreg.database.block_index import BlockIndex, build_index
 from localreg.database.block_kernels import Blocks
 from localreg.database.block_search import PROBES, BlockSearch
-from localreg.database.cache import cached_arrays, digest
+from localreg.database.cache import cached_arrays, digest, touch
 from localreg.database.features import FeatureLayout, database_features
 from localreg.database.neighbours import Metric
 from localreg.database.store import PoseDatabase
@@ -43,6 +43,7 @@ class SubjectView:
         targets: rows with a whole window of predecessors.
         groups: the recording that every pose belongs to.
         index: of the windows.
+        name: under which it is kept in the cache folder; empty if it is not.
     """
 
     database: PoseDatabase
@@ -51,6 +52,7 @@ class SubjectView:
     targets: Bool[ndarray, " N"]
     groups: ndarray
     index: BlockIndex
+    name: str = ""
 
     def search(
         self, allowed: Bool[ndarray, " N"] | None = None, *, exact: bool | None = None
@@ -101,17 +103,18 @@ def subject_view(
         columns = [repr(getattr(layout, field.name)) for field in fields(layout)]
         name = digest(_VERSION, database.identity, *columns, *body, metric.history, metric.features)
         arrays = cached_arrays(name, make)
+        touch(arrays["features"])
     else:
-        arrays = make()
+        name, arrays = "", make()
     groups = np.array([clip.group for clip in database.clips], dtype=np.int32)
     # Every search reads all over the index (60 MB of a million poses): in memory of its own it
     # has large pages and no page is fetched in the middle of a frame.
     return SubjectView(
         database=database,
         metric=metric,
-        # As a plain array: a memory map is slow to index.
-        features=np.asarray(arrays["features"]),
+        features=arrays["features"],
         targets=targets,
         groups=groups[database.clip_index],
-        index=BlockIndex.of_arrays({name: np.array(arrays[name]) for name in _INDEX}),
+        index=BlockIndex.of_arrays({part: np.array(arrays[part]) for part in _INDEX}),
+        name=name,
     )

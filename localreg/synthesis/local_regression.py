@@ -29,7 +29,8 @@ from localreg.body.skeleton import DOF_COUNT, TANGENT_SIZE
 from localreg.database.neighbours import Neighbours, Query
 from localreg.synthesis.belief import Belief, Limits
 from localreg.synthesis.examples import ExampleSource
-from localreg.synthesis.experience import NEAR, Experience, learn
+from localreg.synthesis.experience import NEAR, Experience
+from localreg.synthesis.kept_experience import experience_over
 from localreg.synthesis.linear_algebra import factorize, positive_inverse, substitute
 from localreg.synthesis.local_fit import LocalFit, Normal, kernel_weights, within_reach
 from localreg.synthesis.prior import Acquisition, Expectation, Prior, spread_starts
@@ -99,7 +100,8 @@ class LocalRegression(Prior):
             chain: the body that wears the trackers.
         """
         limits = Limits(*ranges(source.angles, source.targets), settings.limit_softness)
-        return cls(settings, source, learn(source, settings, feature_noise, chain), limits)
+        experience = experience_over(source, settings, feature_noise, chain)
+        return cls(settings, source, experience, limits)
 
     def expect(self, query: Query, state: State) -> Expectation:
         """Pose and step regression, fused with the belief of the last frame."""

@@ -18,6 +18,8 @@ from scipy.spatial.transform import Rotation
 from localreg.body.skeleton import DOF_COUNT
 from localreg.database.store import PoseDatabase
 
+Raw = Callable[[Int[ndarray, " rows"]], Float32[ndarray, "rows n"]]
+
 _BASIS_ROWS = 4000  # windows that principal directions are found from
 _CHUNK = 8192  # rows at a time: bounds memory
 
@@ -39,7 +41,7 @@ class Inputs:
     noise: Float[ndarray, " n"]
     center: Float32[ndarray, " n"]
     onto: Float32[ndarray, "n r"]
-    raw: Callable[[Int[ndarray, " rows"]], Float32[ndarray, "rows n"]]
+    raw: Raw
     reduced: Int16[ndarray, "N r"] | None = None
     unit: Float32[ndarray, " r"] | None = None
 
@@ -68,6 +70,7 @@ class Inputs:
         reduced = np.zeros((len(targets), len(unit)), dtype=np.int16)
         for chunk in chunks:
             reduced[chunk] = np.rint(self._along(chunk) / unit)
+        reduced.flags.writeable = False  # as a mapped file's, so that one type is compiled for
         return replace(self, reduced=reduced, unit=unit)
 
     def _along(self, rows: Int[ndarray, " rows"]) -> Float32[ndarray, "rows r"]:
@@ -94,12 +97,17 @@ def pose_inputs(
     components: int,
 ) -> Inputs:
     """Inputs of the pose regression: past angles, newest first, then features."""
+    return _inputs(pose_reader(database, features, history), targets, noise, components)
+
+
+def pose_reader(database: PoseDatabase, features: Float32[ndarray, "N f"], history: int) -> Raw:
+    """What reads raw inputs of the pose regression."""
 
     def raw(rows: Int[ndarray, " rows"]) -> Float32[ndarray, "rows n"]:
         past = database.histories(rows, history).reshape(len(rows), -1)
         return np.hstack([past, features[rows]])
 
-    return _inputs(raw, targets, noise, components)
+    return raw
 
 
 def step_inputs(
@@ -110,11 +118,17 @@ def step_inputs(
     components: int,
 ) -> Inputs:
     """Inputs of the step regression: past angles, newest first."""
+    noises = np.full(history * DOF_COUNT, noise)
+    return _inputs(step_reader(database, history), targets, noises, components)
+
+
+def step_reader(database: PoseDatabase, history: int) -> Raw:
+    """What reads raw inputs of the step regression."""
 
     def raw(rows: Int[ndarray, " rows"]) -> Float32[ndarray, "rows n"]:
         return database.histories(rows, history).reshape(len(rows), -1)
 
-    return _inputs(raw, targets, np.full(history * DOF_COUNT, noise), components)
+    return raw
 
 
 def ranges(
@@ -159,6 +173,7 @@ def steps(database: PoseDatabase, targets: Bool[ndarray, " N"]) -> Steps:
         back = Rotation.from_quat(before[:, 3:], scalar_first=True).inv()
         turn = back * Rotation.from_quat(now[:, 3:], scalar_first=True)
         root[chunk] = np.hstack([back.apply(now[:, :3] - before[:, :3]), turn.as_rotvec()])
+    root.flags.writeable = False
     return Steps(root, np.asarray(database.angles))
 
 
@@ -180,7 +195,7 @@ def _steps(root, angles, rows):
 
 
 def _inputs(
-    raw: Callable[[Int[ndarray, " rows"]], Float32[ndarray, "rows n"]],
+    raw: Raw,
     targets: Bool[ndarray, " N"],
     noise: Float[ndarray, " n"],
     components: int,

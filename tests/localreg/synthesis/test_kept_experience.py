@@ -1,0 +1,92 @@
+"""What is learned from a whole saved database is learned once."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy import ndarray
+
+from localreg.body.chain import Chain
+from localreg.body.kinematics import chain_of
+from localreg.body.subject import Subject
+from localreg.database import PoseDatabase
+from localreg.database import view as view_module
+from localreg.database.cache import FOLDER
+from localreg.motion.motion import Motion
+from localreg.synthesis import kept_experience
+from localreg.synthesis.examples import ExampleSource
+from localreg.synthesis.experience import Experience, learn
+from localreg.synthesis.kept_experience import experience_over
+from localreg.synthesis.local_regression import LocalRegression
+from localreg.synthesis.methods import build_synthesizer
+from localreg.synthesis.settings import Settings
+from tests.localreg.synthesis.sessions import RATE
+
+SETTINGS = Settings(neighbours=40, rehearsals=30, components=16)
+
+
+@pytest.fixture
+def saved(walks: dict[str, Motion], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A saved database that is worth keeping things of, and a cache folder of its own."""
+    monkeypatch.setattr(view_module, "_WORTH_KEEPING", 1)
+    monkeypatch.setenv(FOLDER, str(tmp_path / "cache"))
+    names = ("16_22", "16_25", "69_01")
+    PoseDatabase.build((walks[name] for name in names), rate=RATE).save(tmp_path / "db")
+    return tmp_path / "db"
+
+
+@pytest.fixture
+def lessons(monkeypatch: pytest.MonkeyPatch) -> list[Settings]:
+    """Filled with the settings of whatever is learned."""
+    told: list[Settings] = []
+
+    def telling(
+        source: ExampleSource, settings: Settings, noise: ndarray, chain: Chain
+    ) -> Experience:
+        told.append(settings)
+        return learn(source, settings, noise, chain)
+
+    monkeypatch.setattr(kept_experience, "learn", telling)
+    return told
+
+
+def test_the_second_start_knows_what_the_first_has_learned(
+    saved: Path, lessons: list[Settings], subject: Subject
+) -> None:
+    build_synthesizer(SETTINGS, subject, PoseDatabase.load(saved))
+    assert lessons == [SETTINGS]
+    estimator = build_synthesizer(SETTINGS, subject, PoseDatabase.load(saved))
+    assert lessons == [SETTINGS]
+    prior = estimator.prior
+    assert isinstance(prior, LocalRegression)
+    noise = prior.experience.pose.noise[3 * 56 :]
+    kept, fresh = (
+        make(prior.source, SETTINGS, noise, chain_of(estimator.kinematics))
+        for make in (experience_over, learn)
+    )
+    rows = np.flatnonzero(prior.source.targets)[::9]
+    for kind in ("pose", "step"):
+        one, other = getattr(kept, kind), getattr(fresh, kind)
+        for trust in (1.0, 0.5):
+            each = np.full(len(one.noise), trust)
+            np.testing.assert_array_equal(one.of(rows, each), other.of(rows, each))
+    np.testing.assert_array_equal(kept.steps.of(rows), fresh.steps.of(rows))
+    for name in ("pose_share", "step_share", "pose_growth", "step_growth", "caution", "usual"):
+        np.testing.assert_array_equal(getattr(kept, name), getattr(fresh, name), err_msg=name)
+    trust = np.linspace(0.0, 1.0, len(fresh.feature_share))
+    valid = np.array([True, True, False])
+    assert kept.whole_distance(2.0, valid, trust) == fresh.whole_distance(2.0, valid, trust)
+
+
+def test_other_settings_or_less_of_the_database_are_learned_anew(
+    saved: Path, lessons: list[Settings], subject: Subject
+) -> None:
+    other = Settings(neighbours=41, rehearsals=30, components=16)
+    database = PoseDatabase.load(saved)
+    less = database.exclude(clip=database.clips[0].name)
+    for settings, allowed in ((SETTINGS, None), (other, None), (SETTINGS, less)):
+        build_synthesizer(settings, subject, database, allowed)
+    assert lessons == [SETTINGS, other, SETTINGS]
+    # What was learned from less is not taken for what the whole would teach.
+    build_synthesizer(SETTINGS, subject, database)
+    assert len(lessons) == 3
