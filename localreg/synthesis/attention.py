@@ -32,7 +32,10 @@ _DOUBT: Final = 20
 """... for at most so many frames in a row."""
 
 _LEAST_TRUST: Final = 0.05
-"""Trust in what is seen from a reference pose that has long been predicted only."""
+"""Trust in what is seen from a reference pose that has long been predicted only ..."""
+
+_TRUST_IN_PLACE: Final = 0.6
+"""... and where it is its orientation alone that is predicted."""
 
 
 class Attention(NamedTuple):
@@ -102,7 +105,8 @@ def listen(
     )
     guided = bool(seen[reference] and facing[reference])
     unguided = 0 if guided else min(attention.unguided + 1, LONG)
-    trust = max(_LEAST_TRUST, 0.5 * 0.8**unguided)
+    least = _TRUST_IN_PLACE if seen[reference] else _LEAST_TRUST
+    trust = max(least, 0.5 * 0.8**unguided)
     return Heard(at, turned, seen, facing, trust), Attention(away, unguided)
 
 
