@@ -214,7 +214,7 @@ class Loop:
             self._index += 1
             if on and time.monotonic() - self._about > EVERY:
                 self._about = time.monotonic()
-                self._view.tell(About(neighbors=self._clips.find(pose.qpos), title="walk"))
+                self._view.tell(About(neighbors=self._clips.find(pose.qpos).clips, title="walk"))
         return np.array(times)
 
 

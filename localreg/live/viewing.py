@@ -1,7 +1,7 @@
 """The view of a run: which one, its process, its buttons, and what it is told."""
 
 from collections.abc import Callable
-from typing import Any, Final, Literal, Self
+from typing import Final, Literal, Self
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -10,9 +10,9 @@ from numpy import ndarray
 from localreg.body.subject import Subject
 from localreg.database.store import PoseDatabase
 from localreg.errors import LocalregError
-from localreg.live.nearest_clips import NearestClips
+from localreg.live.nearest_clips import Example, Found, NearestClips
 from localreg.live.session import Session
-from localreg.live.sinks.base import Sink
+from localreg.live.sinks.base import LivePose, Sink
 from localreg.live.sinks.view import GhostAt, ViewSink
 from localreg.live.takes import Takes
 from localreg.live.view_options import ViewOptions
@@ -42,7 +42,8 @@ class LiveView:
         tell: says one sentence to whoever started the run.
         recenter: re-centres the performer; None where that cannot be asked for.
         recorder: the run's recording, which marks go into.
-        ghost_at: a body to compare with, in the live loop; None for none.
+        ghost_at: a body to compare with, in the live loop; the database's best example by
+            default.
         ghost_name: what that body is.
         capacity: frames kept for an export.
     """
@@ -57,7 +58,7 @@ class LiveView:
         recenter: Callable[[], None] | None = None,
         recorder: Recorder | None = None,
         ghost_at: GhostAt | None = None,
-        ghost_name: str = "",
+        ghost_name: str = "best example",
         capacity: int = 144_000,
     ) -> None:
         if options.kind == "none":
@@ -77,7 +78,7 @@ class LiveView:
         self._note = ""
         self._options, self._subject = options, subject
         self._process = self._begin(options.kind)
-        self._sink = ViewSink(self._process, ghost_at or (lambda live: None))
+        self._sink = ViewSink(self._process, ghost_at or self._example_at)
         self._watched: _Watched | None = None
         self._turn = 0
 
@@ -140,8 +141,15 @@ class LiveView:
             title_at: what is being played at an instant [s].
             allowed_at: which poses may be learned from at an instant; None for all.
         """
-        clips = NearestClips(database)
-        self._watched = _Watched(session, stream, devices, clips, title_at, allowed_at)
+        self._watched = _Watched(
+            session,
+            stream,
+            devices,
+            NearestClips(database),
+            Example(database),
+            title_at,
+            allowed_at,
+        )
 
     def refresh(self) -> None:
         """Tell the view what has changed; for an idle moment of the loop, about 0.5 ms."""
@@ -163,6 +171,10 @@ class LiveView:
         """End the view, and finish what its buttons began. Doing so twice is no error."""
         self._process.close()
         self._takes.close()
+
+    def _example_at(self, live: LivePose) -> Float[ndarray, "63"] | None:
+        watched = self._watched
+        return None if watched is None else watched.example.at(live.pose.qpos, live.frame.time)
 
     def _begin(self, kind: Literal["web", "native"]) -> ViewProcess:
         return ViewProcess(
@@ -196,12 +208,14 @@ class _Watched:
         stream: FrameStream,
         devices: tuple[Device, ...],
         clips: NearestClips,
+        example: Example,
         title_at: Callable[[float], str],
         allowed_at: Callable[[float], Bool[ndarray, " poses"] | None],
     ) -> None:
         self._session, self._stream, self._devices = session, stream, devices
         self._clips, self._title_at, self._allowed_at = clips, title_at, allowed_at
-        self._nearest: tuple[Any, ...] = ()
+        self.example = example
+        self._nearest = Found()
         self._counts: dict[str, tuple[float, int]] = {}
         self._rates: dict[str, float] = {}
 
@@ -211,6 +225,7 @@ class _Watched:
         if latest is not None:
             allowed = self._allowed_at(latest.frame.time)
             self._nearest = self._clips.find(latest.pose.qpos, allowed)
+            self.example.begin(self._nearest.row, latest.frame.time)
 
     def about(self, *, ghost_name: str, note: str, is_recording: bool) -> About:
         """What changes slowly, as it is now."""
@@ -223,7 +238,7 @@ class _Watched:
                 *_percentiles(compute),
             ),
             heard=self._heard(),
-            neighbors=self._nearest,
+            neighbors=self._nearest.clips,
             title="" if latest is None else self._title_at(latest.frame.time),
             ghost_name=ghost_name,
             note=note,

@@ -8,7 +8,7 @@ import pytest
 
 from localreg.body.subject import canonical_subject
 from localreg.database.store import PoseDatabase
-from localreg.live.nearest_clips import NearestClips
+from localreg.live.nearest_clips import Example, NearestClips
 from localreg.live.takes import MARKS, Takes
 from localreg.motion.formats.registry import read_motion
 from sensors.recording import Recorder, read_recording
@@ -111,13 +111,31 @@ def test_the_clip_of_a_pose_is_nearest_to_it(database: PoseDatabase):
         row = clip.start + clip.length // 2
         qpos = np.concatenate([np.zeros(7), database.angles[row].astype(float)])
         allowed = np.arange(len(database)) == row
-        (found,) = nearest.find(qpos, allowed)
+        (found,), nearest_row = nearest.find(qpos, allowed)
+        assert nearest_row == row
         assert (found.name, found.activity, found.share) == (clip.name, "walk", 1.0)
-        anywhere = nearest.find(qpos)
+        anywhere, nearest_row = nearest.find(qpos)
+        assert nearest_row == row
         assert sum(clip.share for clip in anywhere) <= 1.0 + 1e-9
         assert anywhere[0].share == max(clip.share for clip in anywhere)
 
 
 def test_where_nothing_is_allowed_nothing_is_near(database: PoseDatabase):
     nothing = np.zeros(len(database), dtype=bool)
-    assert NearestClips(database).find(np.zeros(63), nothing) == ()
+    assert NearestClips(database).find(np.zeros(63), nothing) == ((), -1)
+
+
+def test_an_example_goes_on_as_its_clip_does_until_it_is_over(database: PoseDatabase):
+    example, clip = Example(database), database.clips[1]
+    qpos = np.arange(63.0)
+    assert example.at(qpos, 5.0) is None
+    example.begin(clip.stop - 4, 5.0)
+    for frames in range(4):
+        shown = example.at(qpos, 5.0 + frames / RATE)
+        assert shown is not None
+        np.testing.assert_array_equal(shown[:7], qpos[:7])
+        np.testing.assert_allclose(shown[7:], database.angles[clip.stop - 4 + frames])
+    assert example.at(qpos, 5.0 + 4 / RATE) is None
+    assert example.at(qpos, 4.9) is None
+    example.begin(-1, 6.0)
+    assert example.at(qpos, 6.0) is None
