@@ -200,15 +200,6 @@ def _apart(one, other):
 
 @njit(cache=True, fastmath=_FAST, inline="always")
 @no_type_check
-def _turn(matrix, vector, out):
-    out[:] = 0.0
-    for k in range(len(vector)):
-        for i in range(len(out)):
-            out[i] += matrix[k, i] * vector[k]
-
-
-@njit(cache=True, fastmath=_FAST, inline="always")
-@no_type_check
 def _along_curve(cc, cs, cb, ss, sb, bb, out):
     """Write the squared distances of a point to the 8 points of a curve; returns their least.
 
@@ -262,10 +253,17 @@ def _measure(centers, target, begin, end, scratch, out):
 def _curve_of(blocks, target, block, apart, turned, squared):
     """Squared distances of the windows of one block, as its curve has them."""
     cs = cb = ss = sb = bb = np.float32(0.0)
+    # Not by views of rows, even on a path not taken: counting who holds them costs eight
+    # times all the rest.
     if len(target.turn):
-        _turn(target.turn, blocks.center[block], turned[0])
-        _turn(target.turn, blocks.tangent[block, 0], turned[1])
-        _turn(target.turn, blocks.tangent[block, 1], turned[2])
+        turned[:] = 0.0
+        for k in range(len(target.point)):
+            center = blocks.center[block, k]
+            slope, bend = blocks.tangent[block, 0, k], blocks.tangent[block, 1, k]
+            for i in range(len(target.point)):
+                turned[0, i] += target.turn[k, i] * center
+                turned[1, i] += target.turn[k, i] * slope
+                turned[2, i] += target.turn[k, i] * bend
         for i in range(len(target.point)):
             away = target.point[i] - turned[0, i]
             slope, bend = turned[1, i], turned[2, i]
@@ -275,7 +273,6 @@ def _curve_of(blocks, target, block, apart, turned, squared):
             sb += slope * bend
             bb += bend * bend
     else:
-        # Not by views of rows: counting who holds them costs as much as all the rest.
         for i in range(len(target.point)):
             away = target.point[i] - blocks.center[block, i]
             cs += away * blocks.tangent[block, 0, i]
