@@ -23,6 +23,8 @@ from sensors.pose import TrackerFrame
 TRAIL_SECONDS: Final = 0.7
 """How far back trails reach by default [s]."""
 
+_FASTEST: Final = 15.0  # nobody's trackers all move faster: they are elsewhere [m/s]
+_SLACK: Final = 0.3  # ... farther than this at once [m]
 _TRAIL_POINTS: Final = 16  # of each trail; more cost drawing and show nothing
 _NOTHING: Final = float("nan")
 
@@ -271,13 +273,18 @@ class Observer:
         past = self._past
         if past and (jumped or time < past[-1][0]):
             past.clear()
-        # A scrub forwards is a jump too: nobody went that way.
-        if past and time - past[-1][0] > self._trail_seconds:
+        # A scrub forwards is a jump too, and so is the next clip: nobody went that way.
+        if past and (time - past[-1][0] > self._trail_seconds or self._are_elsewhere(time, places)):
             past.clear()
         if self._trail_seconds > 0.0:
             past.append((time, places))
         while past and time - past[0][0] > self._trail_seconds:
             past.popleft()
+
+    def _are_elsewhere(self, time: float, places: Float[ndarray, "J 3"]) -> bool:
+        before, last = self._past[-1]
+        moved = np.linalg.norm(places - last, axis=1).min(initial=np.inf)
+        return bool(np.isfinite(moved) and moved > _FASTEST * (time - before) + _SLACK)
 
     def _trails(self) -> tuple[Float[ndarray, "points 3"], ...]:
         if len(self._past) < 2:

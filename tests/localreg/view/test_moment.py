@@ -85,6 +85,18 @@ def test_trails_go_back_so_far_and_end_at_jumps() -> None:
     assert observe(90).trails == (), "and so is a leap"
 
 
+def test_a_body_that_is_elsewhere_at_once_leaves_no_trail() -> None:
+    """As where a clip follows another; a sprinter leaves one."""
+    subject = random_subject(8, trackers=6)
+    observer = Observer(subject)
+    qpos = random_poses(8, 1)[0]
+    for index in range(10):
+        qpos[0] += 10.0 / 40.0  # a sprinter's 10 m/s
+        assert len(observer.observe(index / 40.0, qpos).trails) == (6 if index else 0)
+    qpos[1] += 1.5
+    assert observer.observe(10 / 40.0, qpos).trails == ()
+
+
 def test_moments_go_to_other_processes() -> None:
     subject = random_subject(1)
     pose = random_poses(1, 1)[0]
