@@ -11,6 +11,7 @@ opened by, and in `Host` which name was looked up, so that a name that an attack
 this machine is refused as well.
 """
 
+import asyncio
 import contextlib
 import ipaddress
 import logging
@@ -35,6 +36,7 @@ FIRST_PORT: Final = 8080
 
 _PORTS: Final = 20
 _SOCKETS: Final = ("/ui", "/state")
+_MOMENT: Final = 0.02
 _LARGEST_MESSAGE: Final = 1 << 20  # input of one browser frame is a few kB
 
 
@@ -80,6 +82,13 @@ class Guard:
     Args:
         sock: what it is served on, bound.
         host: the name or address that was asked for.
+
+    Attributes:
+        sock: as given.
+        is_open: whether other machines can reach it.
+        serving: set once requests are answered.
+        begun: set once visitors may be let in. Until then they wait: the viewer falls over one
+            who is there before its panels have a font, as a page left open by the last run is.
     """
 
     def __init__(self, sock: socket.socket, host: str = LOOPBACK) -> None:
@@ -94,6 +103,7 @@ class Guard:
             self._names |= {machine, f"{machine}.local"}
         self._port = int(sock.getsockname()[1])
         self.serving = threading.Event()
+        self.begun = threading.Event()
 
     @property
     def port(self) -> int:
@@ -155,12 +165,14 @@ class Guard:
         def serve(handler: Any, **settings: Any) -> Any:
             answer, upgrade = settings.pop("process_request"), settings.pop("process_response")
 
-            def process_request(connection: Any, request: Request) -> Response | None:
+            async def process_request(connection: Any, request: Request) -> Response | None:
                 if reason := self.refusal(request.path, request.headers):
                     body = f"{reason}\n".encode()
                     head = Headers({"Content-Type": "text/plain"})
                     head["Content-Length"] = str(len(body))
                     return Response(403, "Forbidden", head, body)
+                while not self.begun.is_set():
+                    await asyncio.sleep(_MOMENT)
                 response = answer(connection, request)
                 return None if response is None else _private(response)
 

@@ -22,6 +22,7 @@ from localreg.view.web_guard import LOOPBACK, Guard, bind, guarded
 MOST_FRAMES: Final = 30.0
 """Pictures a second that are made at most, whatever browsers ask for [Hz]."""
 
+_FIRST_TURNS: Final = 3  # of the loop, after which the panels have a font
 _BEGIN: Final = 10.0  # how long serving may take to begin [s]
 
 
@@ -67,13 +68,14 @@ class WebHost:
         config = viewer_protocol.ViewerConfig(title="localreg", http_port=self.guard.port)
         with guarded(self.guard):
             viewer = _Viewer(
+                self.guard,
                 config,
                 self._endpoint,
                 model=stage.model,
                 plugins=[BodyPlugin(stage, self.desk)],
             )
             try:
-                viewer.check(self.guard)
+                viewer.check()
                 ready()
             except BaseException:
                 viewer.close()
@@ -88,17 +90,17 @@ class WebHost:
 class _Viewer(web_viewer.WebViewer):
     """MuJoCo's, without dropped models, and silent on why it ended."""
 
-    def __init__(self, *args: Any, **settings: Any) -> None:
-        self._next = 0.0
+    def __init__(self, guard: Guard, *args: Any, **settings: Any) -> None:
+        self._guard, self._next, self._turns = guard, 0.0, 0
         super().__init__(*args, **settings)
 
-    def check(self, guard: Guard) -> None:
+    def check(self) -> None:
         """See that requests are answered, and go through the guard.
 
         Raises:
             LocalregError: they do not.
         """
-        if self._http_sock is not guard.sock or not guard.serving.wait(_BEGIN):
+        if self._http_sock is not self._guard.sock or not self._guard.serving.wait(_BEGIN):
             raise LocalregError(
                 "the web view does not begin to serve as it should; install the version of "
                 "mujoco that requirements.lock names"
@@ -110,7 +112,11 @@ class _Viewer(web_viewer.WebViewer):
         if pause > 0.0:
             time.sleep(pause)
         self._next = time.monotonic() + 1.0 / MOST_FRAMES
-        return super().prepare_next_frame()
+        is_seen = super().prepare_next_frame()
+        self._turns += 1
+        if self._turns == _FIRST_TURNS:
+            self._guard.begun.set()
+        return is_seen
 
     def get_drop_file(self) -> str:
         return ""

@@ -1,5 +1,6 @@
 """Who gets through to the page, by real requests on a real socket."""
 
+import asyncio
 import contextlib
 import http.client
 import os
@@ -12,14 +13,16 @@ from typing import NamedTuple
 
 import pytest
 from mujoco.studio.web import web_server
+from websockets.asyncio.server import ServerConnection, serve
 from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.http11 import Response
 from websockets.sync.client import ClientConnection, connect
 
 from localreg.body.subject import canonical_subject
 from localreg.errors import LocalregError
 from localreg.view.process import ViewProcess
-from localreg.view.web_guard import Guard, bind, guarded
+from localreg.view.web_guard import LOOPBACK, Guard, bind, guarded
 from tests.localreg.view.sockets import listens_on, ports_beyond_loopback
 
 PATIENCE = 30.0
@@ -263,3 +266,29 @@ def test_another_version_of_the_viewer_is_not_served(monkeypatch: pytest.MonkeyP
     with bind("127.0.0.1", 0) as sock, refused, guarded(Guard(sock)):
         pytest.fail("it was served")
     assert web_server.bind_public_socket.__module__ == web_server.__name__
+
+
+def test_visitors_wait_until_the_viewer_can_bear_them():
+    """As a page left open by the last run, which is there as soon as the port is."""
+    guard = Guard(bind(LOOPBACK, 0))
+
+    async def nothing(_: object) -> None:
+        return
+
+    def hello(connection: ServerConnection, _: object) -> Response:
+        return connection.respond(200, "hello")
+
+    page = Page(guard.port, guard.url, os.getpid())
+
+    async def go() -> tuple[bool, int]:
+        serving = guard.serve(serve)(
+            nothing, sock=guard.sock, process_request=hello, process_response=lambda *_: None
+        )
+        async with serving:
+            asked = asyncio.create_task(asyncio.to_thread(get, page, "/"))
+            await asyncio.sleep(0.3)
+            waits = not asked.done()
+            guard.begun.set()
+            return waits, (await asked).status
+
+    assert asyncio.run(go()) == (True, 200)
