@@ -24,7 +24,7 @@ from localreg.body.chain import Chain, blank_placed, place, tracker_jacobian
 from localreg.body.skeleton import DOF_COUNT, TANGENT_SIZE
 from localreg.database.neighbours import Neighbours, Query
 from localreg.synthesis.examples import ExampleSource
-from localreg.synthesis.local_fit import LocalFit, kernel_weights, within_reach
+from localreg.synthesis.local_fit import kernel_weights
 from localreg.synthesis.settings import Settings
 from localreg.synthesis.windows import Inputs, Steps, pose_inputs, step_inputs, steps
 
@@ -72,8 +72,7 @@ class Rehearsal(NamedTuple):
         history_share: the same along each lag of the past.
         pose: the poses' predictions [rad].
         step: the steps' predictions.
-        pose_known: variances that the pose regression itself gave its errors; zero where
-            it was not asked [rad^2].
+        pose_known: variances that the pose regression itself gave its errors [rad^2].
     """
 
     squared_distance: Float[ndarray, " Q"]
@@ -249,21 +248,14 @@ def _predict(
     database = source.database
     rows, squared = near
     weights = kernel_weights(squared)
-    raw = query.history.ravel()
     trust = np.ones(len(pose.noise))
-    x = pose.reduce(np.concatenate([raw, query.features]), trust)
-    X = pose.of(rows, trust)
-    angles = LocalFit(
-        X, source.angles[rows], weights, within_reach(X, weights, x), settings.pose_ridge
-    )
+    raw = np.concatenate([query.history.ravel(), query.features])
+    angles = pose.fit(rows, weights, raw, trust, source.angles[rows], settings.pose_ridge)
     wanted = source.angles[row].astype(float) - angles.mean
     # The past before a step is known better than its share of lasting noise says.
     past = database.histories(np.array([row]), settings.history)[0].ravel().astype(float)
-    s = step.reduce(past, trust[: len(past)])
-    S = step.of(rows, trust[: len(past)])
-    moves = LocalFit(
-        S, transitions.of(rows), weights, within_reach(S, weights, s), settings.step_ridge
-    )
+    into = transitions.of(rows)
+    moves = step.fit(rows, weights, past, trust[: len(past)], into, settings.step_ridge)
     middle = rows[int(NEAR * settings.neighbours)]
     apart = database.angles[middle - np.arange(1, settings.history + 1)] - query.history
     metric = source.metric

@@ -32,7 +32,7 @@ from localreg.synthesis.examples import ExampleSource
 from localreg.synthesis.experience import NEAR, Experience
 from localreg.synthesis.kept_experience import experience_over
 from localreg.synthesis.linear_algebra import factorize, positive_inverse, substitute
-from localreg.synthesis.local_fit import LocalFit, Normal, kernel_weights, within_reach
+from localreg.synthesis.local_fit import Normal, kernel_weights
 from localreg.synthesis.prior import Acquisition, Expectation, Prior, spread_starts
 from localreg.synthesis.settings import Settings
 from localreg.synthesis.state import State
@@ -173,17 +173,14 @@ class LocalRegression(Prior):
         query: Query,
         distance: float,
     ) -> Normal:
-        inputs = self.experience.pose
+        known = self.experience
+        raw = np.concatenate([query.history.ravel(), query.features])
         trust = np.concatenate([np.repeat(query.history_valid, DOF_COUNT), query.feature_trust])
-        x = inputs.reduce(np.concatenate([query.history.ravel(), query.features]), trust)
-        X = inputs.of(rows, trust)
-        x, Y = within_reach(X, weights, x), self.source.angles[rows]
-        fit = LocalFit(X, Y, weights, x, self.settings.pose_ridge)
-        mean, known = fit.normal(self.experience.pose_share)
-        covariance = distance * self.experience.pose_growth
-        covariance += known
+        angles = self.source.angles[rows]
+        fit = known.pose.fit(rows, weights, raw, trust, angles, self.settings.pose_ridge)
+        mean, covariance = _grown(fit.normal(known.pose_share), distance, known.pose_growth)
         covariance[np.diag_indices(DOF_COUNT)] += self.settings.floor**2
-        return Normal(mean.astype(float), covariance)
+        return Normal(mean, covariance)
 
     def _step(
         self,
@@ -193,15 +190,18 @@ class LocalRegression(Prior):
         distance: float,
     ) -> Normal:
         """The step, root translation in the root's own axes."""
-        inputs = self.experience.step
-        trust = np.repeat(query.history_valid, DOF_COUNT).astype(float)
-        x = inputs.reduce(query.history.ravel(), trust)
-        X, Y = inputs.of(rows, trust), self.experience.steps.of(rows)
-        fit = LocalFit(X, Y, weights, within_reach(X, weights, x), self.settings.step_ridge)
-        mean, known = fit.normal(self.experience.step_share)
-        covariance = distance * self.experience.step_growth
-        covariance += known
-        return Normal(mean.astype(float), covariance)
+        known = self.experience
+        raw, trust = query.history.ravel(), np.repeat(query.history_valid, DOF_COUNT).astype(float)
+        steps = known.steps.of(rows)
+        fit = known.step.fit(rows, weights, raw, trust, steps, self.settings.step_ridge)
+        return _grown(fit.normal(known.step_share), distance, known.step_growth)
+
+
+def _grown(normal: Normal, distance: float, growth: Float[ndarray, "d d"]) -> Normal:
+    """The prediction with what rehearsal adds to its covariance at a squared distance."""
+    covariance = distance * growth
+    covariance += normal.covariance
+    return Normal(normal.mean.astype(float), covariance)
 
 
 @njit(cache=True)

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from localreg.body.skeleton import DOF_COUNT
 from localreg.database.store import PoseDatabase
+from localreg.synthesis.local_fit import LocalFit, within_reach
 
 Raw = Callable[[Int[ndarray, " rows"]], Float32[ndarray, "rows n"]]
 
@@ -58,6 +59,29 @@ class Inputs:
     ) -> Float32[ndarray, "*k r"]:
         """Raw inputs along the principal directions, those of no trust left out."""
         return ((raw - self.center) * trust).astype(np.float32) @ self.onto
+
+    def fit(
+        self,
+        rows: Int[ndarray, " K"],
+        weights: Float[ndarray, " K"],
+        raw: Float[ndarray, " n"],
+        trust: Float[ndarray, " n"],
+        outputs: Float32[ndarray, "K d"],
+        ridge: float,
+    ) -> LocalFit:
+        """The regression of some rows' outputs on these inputs, at a raw input.
+
+        Args:
+            rows: the examples.
+            weights: how they count.
+            raw: the present input.
+            trust: how far each of its entries is believed.
+            outputs: of the examples.
+            ridge: of the regression.
+        """
+        X = self.of(rows, trust)
+        x = within_reach(X, weights, self.reduce(raw, trust))
+        return LocalFit(X, outputs, weights, x, ridge)
 
     def worked_out(self, targets: Bool[ndarray, " N"]) -> "Inputs":
         """The same with the inputs of all targets reduced beforehand."""
