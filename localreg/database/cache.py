@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 from numpy import ndarray
 
-from localreg.database.files import read_folder, write_folder
+from localreg.database.files import is_of_format, read_folder, write_folder
 from localreg.errors import DatabaseError
 
 FORMAT: Final = "localreg cached arrays"
@@ -105,9 +105,14 @@ def _read_only(arrays: Mapping[str, ndarray]) -> dict[str, ndarray]:
 
 
 def _make_room(kept: Path, most_bytes: int) -> None:
-    """Remove the least recently used entries; what is mapped by anybody stays readable."""
+    """Remove the least recently used entries; what is mapped by anybody stays readable.
+
+    The folder may be one that the user has named and hold other things: they are let be.
+    """
     entries = []
     for path in kept.parent.iterdir():
+        if not is_of_format(path, FORMAT) and not path.match(UNFINISHED):
+            continue
         with contextlib.suppress(OSError):
             size = sum(file.stat().st_size for file in path.iterdir())
             entries.append((path.stat().st_mtime, size, path))

@@ -99,6 +99,15 @@ def identity_of(folder: Path) -> str:
     return _json_checksum({name: entry["blake2b"] for name, entry in arrays.items()})
 
 
+def is_of_format(folder: Path, form: str) -> bool:
+    """Whether a folder says that it is of a format, however damaged it may be."""
+    try:
+        manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return isinstance(manifest, dict) and manifest.get("format") == form
+
+
 def _fill(
     folder: Path, document: Mapping[str, Any], arrays: Mapping[str, ndarray], form: str
 ) -> None:
@@ -150,15 +159,7 @@ def _take_place(temporary: Path, folder: Path) -> None:
 
 
 def _is_replaceable(folder: Path, form: str) -> bool:
-    if not folder.is_dir():
-        return False
-    if not any(folder.iterdir()):
-        return True
-    try:
-        manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return False
-    return isinstance(manifest, dict) and manifest.get("format") == form
+    return folder.is_dir() and (not any(folder.iterdir()) or is_of_format(folder, form))
 
 
 def _read_manifest(folder: Path, form: str = FORMAT) -> dict[str, Any]:
