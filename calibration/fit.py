@@ -54,7 +54,7 @@ class FitSettings:
     pose_sigma: float = float(np.radians(3.0))
     plant_sigma: float = 0.005
     estimate_sigmas: bool = True
-    least_pose_sigma: float = float(np.radians(0.1))
+    least_pose_sigma: float = float(np.radians(0.02))
     least_plant_sigma: float = 5e-4
 
 

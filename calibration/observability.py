@@ -34,6 +34,8 @@ def information(
     *,
     settings: FitSettings | None = None,
     trackers: Sequence[Mount] | None = None,
+    position_sd: float = POSITION_SD,
+    orientation_sd: float = ORIENTATION_SD,
 ) -> tuple[Float[ndarray, "N s s"], Float[ndarray, "s s"]]:
     """What each pose tells the average person, and what is believed beforehand.
 
@@ -42,6 +44,8 @@ def information(
         prior: the eigen-skeleton.
         settings: beliefs, the errors of poses among them.
         trackers: which tracker on which bone; the six default ones if none are given.
+        position_sd: of the mean position of a hold on each axis [m].
+        orientation_sd: of its mean orientation about each axis [rad].
 
     Returns:
         Information matrices of the shared unknowns in the units of `model`.
@@ -56,8 +60,8 @@ def information(
     holds = Holds(
         positions=jnp.zeros((N, J, 3)),
         quaternions=jnp.asarray(none),
-        position_whiteners=jnp.broadcast_to(jnp.eye(3) / POSITION_SD, (N, J, 3, 3)),
-        orientation_whiteners=jnp.broadcast_to(jnp.eye(3) / ORIENTATION_SD, (N, J, 3, 3)),
+        position_whiteners=jnp.broadcast_to(jnp.eye(3) / position_sd, (N, J, 3, 3)),
+        orientation_whiteners=jnp.broadcast_to(jnp.eye(3) / orientation_sd, (N, J, 3, 3)),
         position_weights=jnp.ones((N, J)),
         orientation_weights=jnp.ones((N, J)),
         targets=jnp.asarray(np.array([pose.angles for pose in poses])),

@@ -67,8 +67,9 @@ class TargetPose:
 
 
 _STAND: Final = Limb((0.1, -1.0, 0.0))
-# Knees apart so that the ankles stay as far from each other as in standing.
-_KNEES: Final = Limb((0.22, -0.6, 0.8), (0.0, -0.95, -0.35))
+# Thigh and shank lean as far outwards as in standing, so that whatever somebody's proportions
+# the ankles stay where they are; otherwise nobody could hold the pose and keep both feet.
+_KNEES: Final = Limb((0.1, -0.6, 0.8), (0.1, -0.94, -0.34))
 _WIDE: Final = Limb((0.5, -0.85, 0.0))
 _HEEL: Final = Limb((0.06, -1.0, 0.0), (0.0, -0.1, -1.0))
 
