@@ -27,7 +27,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from calibration.anthropometry import GROUP_COUNT, group_of_bone
-from localreg import numerics as numerics
+from localreg import jax_numerics as jax_numerics
 from localreg.body import rotations
 from localreg.body.kinematics import Kinematics, Sites
 from localreg.body.model import build_model, tracker_site

@@ -9,12 +9,15 @@ C-contiguous; outputs are written in place, so that a frame allocates next to no
 from math import atan2, cos, sin, sqrt
 from typing import NamedTuple, no_type_check
 
+import mujoco
 import numpy as np
 from jaxtyping import Float, Int
 from numba import njit
 from numpy import ndarray
 
+from localreg.body.model import build_model, tracker_site
 from localreg.body.skeleton import DOF_COUNT
+from localreg.body.subject import Subject
 
 
 class Chain(NamedTuple):
@@ -59,6 +62,43 @@ class Placed(NamedTuple):
     hinge_axis: Float[ndarray, "56 3"]
     site_position: Float[ndarray, "J 3"]
     site_orientation: Float[ndarray, "J 4"]
+
+
+def chain_of(subject: Subject) -> Chain:
+    """The tree of a subject's body, with the trackers it wears."""
+    return chain_of_model(build_model(subject), [tracker_site(t) for t in subject.trackers])
+
+
+def chain_of_model(model: mujoco.MjModel, sites: list[str]) -> Chain:
+    """The tree of a compiled model, with some of its sites as trackers.
+
+    Raises:
+        ValueError: the model has a joint that is neither the free root nor a hinge at its
+            body's origin, or more than three hinges on one body.
+    """
+    if model.jnt_type[0] != mujoco.mjtJoint.mjJNT_FREE or model.body("root").id != 1:
+        raise ValueError("the model must begin with a free root")
+    for joint in range(1, model.njnt):
+        if (
+            model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_HINGE
+            or joint - model.body_jntadr[model.jnt_bodyid[joint]] > 2
+            or np.any(model.jnt_pos[joint] != 0)
+        ):
+            raise ValueError(f"joint {model.joint(joint).name} is not one this tree can hold")
+    ids = [model.site(name).id for name in sites]
+    # Joint 0, the root's, is not a hinge.
+    has_hinges = (np.arange(model.nbody) > 1) & (model.body_jntnum > 0)
+    return Chain(
+        parent=model.body_parentid.astype(np.int64),
+        offset=np.array(model.body_pos),
+        orientation=np.array(model.body_quat),
+        first_hinge=np.where(has_hinges, model.body_jntadr - 1, 0).astype(np.int64),
+        hinge_count=np.where(has_hinges, model.body_jntnum, 0).astype(np.int64),
+        hinge_axis=np.array(model.jnt_axis[1:]),
+        site_body=model.site_bodyid[ids].astype(np.int64),
+        site_position=np.array(model.site_pos[ids]),
+        site_orientation=np.array(model.site_quat[ids]),
+    )
 
 
 def blank_placed(chain: Chain) -> Placed:

@@ -14,9 +14,9 @@ import mujoco
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from localreg import numerics as numerics
+from localreg import jax_numerics as jax_numerics
 from localreg.body import rotations
-from localreg.body.chain import Chain
+from localreg.body.chain import Chain, chain_of_model
 from localreg.body.model import build_model, end_site, tracker_site
 from localreg.body.skeleton import BODY_NAMES
 from localreg.body.subject import Subject
@@ -69,38 +69,32 @@ class Kinematics(eqx.Module):
         """Read the tree, its dimensions and its sites from a compiled model.
 
         Raises:
-            ValueError: the model has a joint that is neither the free root nor a hinge
-                at its body's origin, or more than three hinges on one body.
+            ValueError: as in `chain_of_model`.
         """
-        if model.jnt_type[0] != mujoco.mjtJoint.mjJNT_FREE or model.body("root").id != 1:
-            raise ValueError("the model must begin with a free root")
-        slots = [[-1, -1, -1] for _ in range(model.nbody)]
-        axes = np.zeros((model.nbody, 3, 3))
+        ends = chain_of_model(model, [end_site(name) for name in BODY_NAMES])
+        return cls.from_chain(chain_of_model(model, tracker_sites), _sites(ends))
+
+    @classmethod
+    def from_chain(cls, chain: Chain, ends: Sites | None = None) -> Self:
+        """The tree of compiled code; without bone ends unless they are given."""
+        counts = chain.hinge_count
+        body = np.repeat(np.arange(len(counts)), counts)
+        slot = np.arange(len(body)) - chain.first_hinge[body]
+        index = np.full((len(counts), 3), -1)
+        index[body, slot] = np.arange(len(body))
+        axes = np.zeros((len(counts), 3, 3))
         axes[:, :, 0] = 1.0
-        hinge_body, hinge_slot = [], []
-        for joint in range(1, model.njnt):
-            body = int(model.jnt_bodyid[joint])
-            slot = joint - int(model.body_jntadr[body])
-            if (
-                model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_HINGE
-                or slot > 2
-                or np.any(model.jnt_pos[joint] != 0)
-            ):
-                raise ValueError(f"joint {model.joint(joint).name} is not one this tree can hold")
-            slots[body][slot] = joint - 1
-            axes[body, slot] = model.jnt_axis[joint]
-            hinge_body.append(body)
-            hinge_slot.append(slot)
+        axes[body, slot] = chain.hinge_axis
         return cls(
-            offsets=jnp.asarray(model.body_pos),
-            orientations=jnp.asarray(model.body_quat),
+            offsets=jnp.asarray(chain.offset),
+            orientations=jnp.asarray(chain.orientation),
             hinge_axes=jnp.asarray(axes),
-            trackers=_sites(model, tracker_sites),
-            ends=_sites(model, [end_site(name) for name in BODY_NAMES]),
-            hinge_index=tuple((a, b, c) for a, b, c in slots),
-            ancestors=_doubling(model.body_parentid),
-            hinge_body=tuple(hinge_body),
-            hinge_slot=tuple(hinge_slot),
+            trackers=_sites(chain),
+            ends=ends or Sites((), jnp.zeros((0, 3)), jnp.zeros((0, 4))),
+            hinge_index=tuple((a, b, c) for a, b, c in index.tolist()),
+            ancestors=_doubling(chain.parent),
+            hinge_body=tuple(body.tolist()),
+            hinge_slot=tuple(slot.tolist()),
         )
 
     @classmethod
@@ -186,24 +180,6 @@ class Kinematics(eqx.Module):
         return moved
 
 
-def chain_of(kinematics: Kinematics) -> Chain:
-    """The plain arrays of a subject's kinematics."""
-    slots = np.array(kinematics.hinge_index)
-    axes = np.asarray(kinematics.hinge_axes)
-    bodies, places = np.array(kinematics.hinge_body), np.array(kinematics.hinge_slot)
-    return Chain(
-        parent=np.array(kinematics.ancestors[0], dtype=np.int64),
-        offset=np.ascontiguousarray(kinematics.offsets, dtype=float),
-        orientation=np.ascontiguousarray(kinematics.orientations, dtype=float),
-        first_hinge=np.maximum(slots[:, 0], 0).astype(np.int64),
-        hinge_count=np.sum(slots >= 0, axis=1).astype(np.int64),
-        hinge_axis=np.ascontiguousarray(axes[bodies, places], dtype=float),
-        site_body=np.array(kinematics.trackers.body, dtype=np.int64),
-        site_position=np.ascontiguousarray(kinematics.trackers.positions, dtype=float),
-        site_orientation=np.ascontiguousarray(kinematics.trackers.quaternions, dtype=float),
-    )
-
-
 def integrate(qpos: Float[Array, " 63"], step: Float[Array, " 62"]) -> Float[Array, " 63"]:
     """The pose moved by a tangent step, as `mj_integratePos` with dt = 1."""
     root = rotations.multiply(qpos[3:7], rotations.exp(step[3:6]))
@@ -230,12 +206,11 @@ def tracker_poses_batch(kinematics: Kinematics, qpos: Float[Array, "frames 63"])
     return jax.vmap(kinematics.tracker_poses)(qpos)
 
 
-def _sites(model: mujoco.MjModel, names: list[str]) -> Sites:
-    ids = [model.site(name).id for name in names]
+def _sites(chain: Chain) -> Sites:
     return Sites(
-        body=tuple(int(b) for b in model.site_bodyid[ids]),
-        positions=jnp.asarray(model.site_pos[ids]),
-        quaternions=jnp.asarray(model.site_quat[ids]),
+        body=tuple(chain.site_body.tolist()),
+        positions=jnp.asarray(chain.site_position),
+        quaternions=jnp.asarray(chain.site_orientation),
     )
 
 

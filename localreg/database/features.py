@@ -17,8 +17,7 @@ from jaxtyping import Bool, Float, Float32, Int
 from numba import njit
 from numpy import ndarray
 
-from localreg.body.chain import blank_placed, place
-from localreg.body.kinematics import Kinematics, chain_of
+from localreg.body.chain import Chain, blank_placed, place
 from localreg.body.skeleton import BONES
 from localreg.body.subject import Subject
 
@@ -117,7 +116,7 @@ class FeatureLayout:
 
 def database_features(
     layout: FeatureLayout,
-    kinematics: Kinematics,
+    chain: Chain,
     root: Float32[ndarray, "N 7"],
     angles: Float32[ndarray, "N 56"],
     tell: Callable[[int, int, str], None] | None = None,
@@ -126,12 +125,12 @@ def database_features(
 
     Args:
         layout: which column means what.
-        kinematics: the subject's body.
+        chain: the subject's body.
         root: root positions [m] and quaternions w x y z.
         angles: joint angles [rad].
         tell: is told how many poses are done, of how many.
     """
-    chain, trackers = chain_of(kinematics), len(layout.others) + 1
+    trackers = len(layout.others) + 1
     out = np.empty((len(angles), layout.size), dtype=np.float32)
     positions, quaternions = np.empty((_CHUNK, trackers, 3)), np.empty((_CHUNK, trackers, 4))
     for begin in range(0, len(angles), _CHUNK):

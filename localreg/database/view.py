@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float32
 from numpy import ndarray
 
-from localreg.body.kinematics import Kinematics, chain_of
+from localreg.body.chain import Chain
 from localreg.database.block_index import BlockIndex, build_index
 from localreg.database.block_kernels import Blocks
 from localreg.database.block_search import PROBES, BlockSearch
@@ -76,7 +76,7 @@ class SubjectView:
 def subject_view(
     database: PoseDatabase,
     layout: FeatureLayout,
-    kinematics: Kinematics,
+    chain: Chain,
     metric: Metric,
     tell: Tell | None = None,
 ) -> SubjectView:
@@ -85,7 +85,7 @@ def subject_view(
     Args:
         database: the poses.
         layout: which feature column means what.
-        kinematics: the subject's body.
+        chain: the subject's body.
         metric: how differences count.
         tell: is told how far the work is, unless it has been done before.
     """
@@ -93,12 +93,11 @@ def subject_view(
     targets[database.window_targets(len(metric.history))] = True
 
     def make() -> dict[str, ndarray]:
-        features = database_features(layout, kinematics, database.roots, database.angles, tell)
+        features = database_features(layout, chain, database.roots, database.angles, tell)
         index = build_index(database.angles, features, targets, metric, tell)
         return {"features": features, **index.arrays()}
 
     if database.identity and len(database) >= _WORTH_KEEPING:
-        chain = chain_of(kinematics)
         body = [np.asarray(getattr(chain, name)) for name in chain._fields]
         columns = [repr(getattr(layout, field.name)) for field in fields(layout)]
         name = digest(_VERSION, database.identity, *columns, *body, metric.history, metric.features)

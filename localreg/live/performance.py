@@ -20,7 +20,6 @@ from collections.abc import Callable
 from concurrent.futures import Executor, Future, wait
 from typing import Any, Literal, NamedTuple
 
-import jax
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
@@ -122,7 +121,7 @@ class Performance:
             if measured < min(self._config.min_trackers, len(frame.position_mask)):
                 return self._hold(frame)
             self.counters.starts += 1
-            self._search_begun = self._executor.submit(_found, estimator, frame)
+            self._search_begun = self._executor.submit(estimator.init, frame)
         self._seen = frame.time
         self._waiting.append(frame)
         is_patient = len(self._waiting) <= self._config.max_waiting
@@ -184,11 +183,6 @@ class Performance:
 
 def _is_done_within(search: Future[Any], budget: float | None) -> bool:
     return bool(wait([search], budget).done)
-
-
-def _found(estimator: AnyEstimator, frame: TrackerFrame) -> Any:
-    """The state of a body found; really found, for JAX answers with promises."""
-    return jax.block_until_ready(estimator.init(frame))
 
 
 def tracker_residual(pose: Pose) -> float:

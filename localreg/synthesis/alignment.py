@@ -6,7 +6,7 @@ from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
 from localreg.body.chain import Chain, place_trackers
-from localreg.synthesis.energy import Observation
+from localreg.synthesis.observation import Observation
 
 _POSITION_SCALE = 0.05  # a body placed rigidly fits positions to about this [m] ...
 _ORIENTATION_SCALE = 0.3  # ... and orientations to about this [rad]

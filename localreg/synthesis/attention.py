@@ -12,8 +12,7 @@ from jaxtyping import Bool, Float, Int
 from numba import njit
 from numpy import ndarray
 
-from localreg.numerics import host_arrays
-from localreg.synthesis.energy import Observation
+from localreg.synthesis.observation import Observation
 from sensors.pose import TrackerFrame
 
 LONG: Final = 1000
@@ -73,13 +72,11 @@ class Heard(NamedTuple):
 def observe(frame: TrackerFrame) -> Observation:
     """A frame's arrays; what cannot be a position, or a rotation, counts as not measured."""
     return Observation(
-        *host_arrays(
-            *_observe(
-                np.asarray(frame.positions, dtype=float),
-                np.asarray(frame.quaternions, dtype=float),
-                np.asarray(frame.position_mask),
-                np.asarray(frame.orientation_mask),
-            )
+        *_observe(
+            np.asarray(frame.positions, dtype=float),
+            np.asarray(frame.quaternions, dtype=float),
+            np.asarray(frame.position_mask),
+            np.asarray(frame.orientation_mask),
         )
     )
 

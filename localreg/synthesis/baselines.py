@@ -16,6 +16,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from localreg import jax_numerics as jax_numerics
 from localreg.body.kinematics import integrate
 from localreg.body.skeleton import DOF_COUNT
 from localreg.synthesis.energy import Gaussian, LimitTerm, PriorTerm, RootTerm
@@ -94,9 +95,10 @@ class PastRegression(TermPrior):
     def predict(self, examples: Examples, question: Question, state: State) -> Prediction:
         """The regression's prediction with the residual of its training examples."""
         valid = jnp.repeat(question.history_valid, DOF_COUNT)
-        X = examples.angles[:, 1:].reshape(len(examples.angles), -1) * valid
+        angles = jnp.asarray(examples.angles)
+        X = angles[:, 1:].reshape(len(angles), -1) * valid
         x = question.history.ravel() * valid
-        mean, sigma = self.project(X, examples.angles[:, 0], x, self.rank)
+        mean, sigma = self.project(X, angles[:, 0], x, self.rank)
         qpos = jnp.concatenate([_coasting_root(state), mean])
         terms = (
             PriorTerm(Gaussian.from_deviations(mean, jnp.maximum(sigma, self.floor))),
@@ -175,7 +177,8 @@ class LocalSubspace(TermPrior):
 
     def predict(self, examples: Examples, question: Question, state: State) -> Prediction:
         """The subspace of the neighbours, pulled towards where the last two poses lead."""
-        mean, covariance = principal_subspace(examples.angles[:, 0], self.rank, self.floor)
+        poses = jnp.asarray(examples.angles[:, 0])
+        mean, covariance = principal_subspace(poses, self.rank, self.floor)
         now, before = question.history[0], question.history[1]
         # With one pose known there is no velocity yet, with none nothing to be smooth with.
         coasting = jnp.where(question.history_valid[1], 2.0 * now - before, now)

@@ -13,20 +13,12 @@ from typing import NamedTuple, Self
 import equinox as eqx
 import jax.numpy as jnp
 import jax.scipy.linalg as jsl
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from localreg.body import rotations
 from localreg.body.kinematics import Kinematics, difference
 from localreg.body.skeleton import DOF_COUNT, TANGENT_SIZE
-
-
-class Observation(NamedTuple):
-    """What the J trackers say at one instant: the JAX side of a `TrackerFrame`."""
-
-    positions: Float[Array, "J 3"]
-    quaternions: Float[Array, "J 4"]
-    position_mask: Bool[Array, " J"]
-    orientation_mask: Bool[Array, " J"]
+from localreg.synthesis.observation import Observation
 
 
 class Linearized(NamedTuple):
@@ -115,7 +107,7 @@ class TrackerTerm(Term):
         position = poses.positions - self.observation.positions
         # log(R_predicted R_measured^T): the world rotation still to be undone.
         turn = rotations.multiply(
-            poses.quaternions, rotations.conjugate(self.observation.quaternions)
+            poses.quaternions, rotations.conjugate(jnp.asarray(self.observation.quaternions))
         )
         orientation = rotations.log(turn)
         bend = rotations.inverse_left_jacobian(orientation)

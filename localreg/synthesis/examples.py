@@ -5,7 +5,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Array, Bool, Float, Float32
+from jaxtyping import Bool, Float, Float32
 from numpy import ndarray
 
 from localreg.database.block_search import BlockSearch
@@ -13,11 +13,10 @@ from localreg.database.neighbours import Metric, Query
 from localreg.database.store import PoseDatabase
 from localreg.database.view import SubjectView
 from localreg.errors import DatabaseError
-from localreg.numerics import host_arrays
 
 
 class Examples(NamedTuple):
-    """K neighbours, nearest first.
+    """K neighbours, nearest first; inside a traced prior the arrays are JAX's.
 
     Attributes:
         angles: joint angles of the pose and its m predecessors, newest first [rad].
@@ -26,10 +25,10 @@ class Examples(NamedTuple):
         squared_distances: to the query; infinite for rows that only fill the shape.
     """
 
-    angles: Float[Array, "K m_and_1 56"]
-    roots: Float[Array, "K 2 7"]
-    features: Float[Array, "K f"]
-    squared_distances: Float[Array, " K"]
+    angles: Float[ndarray, "K m_and_1 56"]
+    roots: Float[ndarray, "K 2 7"]
+    features: Float[ndarray, "K f"]
+    squared_distances: Float[ndarray, " K"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,9 +73,7 @@ class ExampleSource:
         past = np.arange(len(self.metric.history) + 1)
         roots = self.database.roots[rows[:, None] - np.arange(2)]
         return Examples(
-            *host_arrays(
-                self.angles[rows[:, None] - past], roots, self.features[rows], squared_distances
-            )
+            self.angles[rows[:, None] - past], roots, self.features[rows], squared_distances
         )
 
 

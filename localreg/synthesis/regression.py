@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from localreg import numerics as numerics
+from localreg import jax_numerics as jax_numerics
 
 _BISECTIONS = 60  # halves the bracket of an eigenvalue down to double precision
 _NULL = 1e-13  # eigenvalues below this share of the largest are rounding errors

@@ -1,47 +1,35 @@
 """Minimizing the energy of a pose: one interface, two solvers of the same problem.
 
-`CompiledSolver` is the default, live and offline (`localreg.synthesis.compiled`).
-`ReferenceSolver` is the readable one, by optimistix: the unknown is the 62-vector of tangent
-increments from the start, so that the root's quaternion needs no constraint, and the
-derivative is the terms' own, injected by a custom JVP, since differentiating through the
-kinematic chain costs twice as much. Tests hold both to the same energies.
+`CompiledSolver` is the default, live and offline (`localreg.synthesis.compiled`). The readable
+one, by optimistix, is `localreg.synthesis.reference_solver`, loaded when it is asked for.
+Tests hold both to the same energies.
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
-import lineax as lx
 import numpy as np
-import optimistix as optx
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Float
 from numpy import ndarray
 
-from localreg import numerics as numerics
-from localreg.body import rotations
 from localreg.body.chain import Chain, blank_placed
-from localreg.body.kinematics import Kinematics, integrate
-from localreg.body.skeleton import TANGENT_SIZE
-from localreg.synthesis.belief import Belief, terms_of_belief
+from localreg.synthesis.belief import Belief
 from localreg.synthesis.compiled import Control, minimize
-from localreg.synthesis.energy import Observation, Term, TrackerTerm, energy, linearize
+from localreg.synthesis.observation import Observation
 
 
 class Problem(NamedTuple):
     """An energy to minimize.
 
     Attributes:
-        kinematics: the body.
-        chain: the same body, for compiled code.
+        chain: the body.
         observation: what the trackers say.
         control: how they count.
         belief: the prior.
     """
 
-    kinematics: Kinematics
     chain: Chain
     observation: Observation
     control: Control
@@ -104,130 +92,14 @@ class CompiledSolver(Solver):
         return Solution(qpos, least, steps, hessian, *errors, placed.site_orientation)
 
 
-@dataclass(frozen=True)
-class ReferenceSolver(Solver):
-    """The readable solver, on the energy terms that papers would write.
+def _reference() -> Solver:
+    from localreg.synthesis.reference_solver import ReferenceSolver
 
-    Attributes:
-        rtol: relative tolerance of the step and of the energy.
-        atol: absolute tolerance.
-    """
-
-    rtol: float = 1e-4
-    atol: float = 1e-5
-
-    def solve(self, problem: Problem, start: Float[ndarray, "63"], max_steps: int) -> Solution:
-        """The best pose found from a start."""
-        trackers = TrackerTerm(
-            problem.kinematics,
-            jax.tree.map(jnp.asarray, problem.observation),
-            *map(jnp.asarray, problem.control),
-        )
-        method = LevenbergMarquardt(self.rtol, self.atol)
-        found, hessian, errors, orientations = _solve_terms(
-            method, max_steps, trackers, terms_of_belief(problem.belief), jnp.asarray(start)
-        )
-        position, orientation = map(np.array, errors)
-        return Solution(
-            np.array(found.qpos),
-            float(found.energy),
-            int(found.steps),
-            np.array(hessian),
-            position,
-            orientation,
-            np.array(orientations),
-        )
+    return ReferenceSolver()
 
 
-SOLVERS: Final[dict[str, Solver]] = {"compiled": CompiledSolver(), "optimistix": ReferenceSolver()}
-"""The solvers by name."""
-
-
-@eqx.filter_jit
-def _solve_terms(
-    method: "LevenbergMarquardt",
-    max_steps: int,
-    trackers: TrackerTerm,
-    prior: tuple[Term, ...],
-    start: Float[Array, " 63"],
-) -> tuple["Found", Array, tuple[Array, Array], Array]:
-    terms = (trackers, *prior)
-    found = method.solve(terms, start, max_steps)
-    jacobian = linearize(terms, found.qpos).jacobian
-    poses = trackers.kinematics.tracker_poses(found.qpos)
-    return found, jacobian.T @ jacobian, trackers.errors(found.qpos), poses.quaternions
-
-
-class Found(eqx.Module):
-    """What optimistix found.
-
-    Attributes:
-        qpos: the pose.
-        energy: at that pose.
-        steps: Levenberg-Marquardt steps taken; reaching the cap is normal.
-        ok: False if the energy is not finite or above the start's; then the pose
-            is the start.
-    """
-
-    qpos: Float[Array, " 63"]
-    energy: Float[Array, ""]
-    steps: Int[Array, ""]
-    ok: Bool[Array, ""]
-
-
-class LevenbergMarquardt(eqx.Module):
-    """The readable reference solver.
-
-    Attributes:
-        rtol: relative tolerance of the step and of the energy.
-        atol: absolute tolerance.
-    """
-
-    rtol: float = eqx.field(static=True, default=1e-4)
-    atol: float = eqx.field(static=True, default=1e-5)
-
-    def solve(self, terms: tuple[Term, ...], start: Float[Array, " 63"], max_steps: int) -> Found:
-        """Minimize the energy from a start, in at most `max_steps` steps."""
-        method = optx.LevenbergMarquardt(
-            rtol=self.rtol, atol=self.atol, linear_solver=lx.Normal(lx.Cholesky())
-        )
-        found = optx.least_squares(
-            lambda step, args: _residual(*args, step),
-            method,
-            jnp.zeros(TANGENT_SIZE, dtype=start.dtype),
-            args=(terms, start),
-            max_steps=max_steps,
-            throw=False,
-        )
-        qpos = normalize_root(integrate(start, found.value))
-        before, after = energy(terms, start), energy(terms, qpos)
-        ok = jnp.isfinite(after) & (after <= before)
-        return Found(
-            jnp.where(ok, qpos, start),
-            jnp.where(ok, after, before),
-            jnp.asarray(found.stats["num_steps"]),
-            ok,
-        )
-
-
-def normalize_root(qpos: Float[Array, " 63"]) -> Float[Array, " 63"]:
-    """The pose with its root quaternion brought back to unit length."""
-    quaternion = qpos[3:7]
-    return qpos.at[3:7].set(quaternion / jnp.linalg.norm(quaternion))
-
-
-@jax.custom_jvp
-def _residual(
-    terms: tuple[Term, ...], start: Float[Array, " 63"], step: Float[Array, " 62"]
-) -> Float[Array, " r"]:
-    return linearize(terms, integrate(start, step)).residual
-
-
-@_residual.defjvp
-def _residual_jvp(primals: Any, tangents: Any) -> Any:
-    terms, start, step = primals
-    direction = tangents[2]
-    residual, jacobian = linearize(terms, integrate(start, step))
-    # The terms move the root by exp on the right of where the step has brought it.
-    turn = rotations.right_jacobian(step[3:6]) @ direction[3:6]
-    return residual, jacobian @ jnp.concatenate([direction[:3], turn, direction[6:]])
+SOLVERS: Final[dict[str, Callable[[], Solver]]] = {
+    "compiled": CompiledSolver,
+    "optimistix": _reference,
+}
+"""What makes each solver, by name."""

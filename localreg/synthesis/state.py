@@ -3,7 +3,7 @@
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 from numpy import ndarray
 
 from localreg.body.chain import difference, integrate
@@ -12,7 +12,7 @@ from localreg.synthesis.attention import LONG, Attention
 
 
 class State(NamedTuple):
-    """The belief after a frame; arrays are NumPy's or JAX's alike.
+    """The belief after a frame; inside a traced prior its arrays are JAX's.
 
     Attributes:
         qpos: the pose.
@@ -25,11 +25,11 @@ class State(NamedTuple):
         lost: frames in a row that the trackers were left far from.
     """
 
-    qpos: Float[Array | ndarray, "63"]
-    covariance: Float[Array | ndarray, "62 62"]
-    velocity: Float[Array | ndarray, "6"]
-    history: Float[Array | ndarray, "m 56"]
-    history_valid: Bool[Array | ndarray, " m"]
+    qpos: Float[ndarray, "63"]
+    covariance: Float[ndarray, "62 62"]
+    velocity: Float[ndarray, "6"]
+    history: Float[ndarray, "m 56"]
+    history_valid: Bool[ndarray, " m"]
     attention: Attention
     drift: Any = None
     lost: int = 0

@@ -14,7 +14,6 @@ from numba import njit
 from numpy import ndarray
 
 from localreg.body.chain import Chain, place_trackers
-from localreg.body.kinematics import Kinematics, chain_of
 from localreg.body.skeleton import TANGENT_SIZE
 from localreg.body.subject import Subject
 from localreg.database.features import FeatureLayout
@@ -23,9 +22,9 @@ from localreg.synthesis.alignment import align_root
 from localreg.synthesis.attention import Attention, listen, observe
 from localreg.synthesis.belief import Belief
 from localreg.synthesis.compiled import Control
-from localreg.synthesis.energy import Observation
 from localreg.synthesis.estimator import Estimator, Pose, Result
 from localreg.synthesis.linear_algebra import positive_inverse
+from localreg.synthesis.observation import Observation
 from localreg.synthesis.prior import Expectation, Prior
 from localreg.synthesis.settings import Settings
 from localreg.synthesis.solver import SOLVERS, Problem, Solution
@@ -57,7 +56,7 @@ class Synthesizer(Estimator[State]):
         subject: whose body is moved.
         rate: frames a second that `step` expects [Hz].
         settings: the numbers of the method.
-        kinematics: the subject's body.
+        chain: the subject's body.
         prior: the method's belief.
         rebuild: makes the same estimator over other poses; None without a database.
     """
@@ -65,7 +64,7 @@ class Synthesizer(Estimator[State]):
     subject: Subject
     rate: float
     settings: Settings
-    kinematics: Kinematics
+    chain: Chain
     prior: Prior
     rebuild: Callable[[Bool[ndarray, " poses"]], "Synthesizer"] | None = None
 
@@ -108,10 +107,6 @@ class Synthesizer(Estimator[State]):
         return after, self._pose(frame.time, after, observation, solution, expectation, result)
 
     @cached_property
-    def _chain(self) -> Chain:
-        return chain_of(self.kinematics)
-
-    @cached_property
     def _layout(self) -> FeatureLayout:
         return FeatureLayout.of(self.subject)
 
@@ -121,7 +116,7 @@ class Synthesizer(Estimator[State]):
         return Control(settings.sigma_position, settings.sigma_orientation, settings.lorentzian)
 
     def _problem(self, observation: Observation, belief: Belief) -> Problem:
-        return Problem(self.kinematics, self._chain, observation, self._control, belief)
+        return Problem(self.chain, observation, self._control, belief)
 
     def _blank(self) -> State:
         return blank_state(self.settings.history, len(self.subject.trackers))
@@ -129,7 +124,7 @@ class Synthesizer(Estimator[State]):
     def _query(self, state: State, observation: Observation) -> tuple[Query, Attention]:
         """What is known before the pose is solved, and whom it was heard from."""
         layout = self._layout
-        positions, quaternions = place_trackers(self._chain, coasting(state))
+        positions, quaternions = place_trackers(self.chain, coasting(state))
         heard, attention = listen(
             observation, positions, quaternions, state.attention, layout.reference
         )
@@ -150,12 +145,12 @@ class Synthesizer(Estimator[State]):
         expected = expectation.belief.qpos
         if not np.isfinite(expected).all():
             return self._stay(state, observation, expectation)
-        return SOLVERS[self.settings.solver].solve(problem, expected, self.settings.max_steps)
+        return SOLVERS[self.settings.solver]().solve(problem, expected, self.settings.max_steps)
 
     def _stay(self, state: State, observation: Observation, expectation: Expectation) -> Solution:
         """The pose of the frame before: what is shown when a frame cannot be solved."""
         qpos = np.array(state.qpos, dtype=float)
-        positions, orientations = place_trackers(self._chain, qpos)
+        positions, orientations = place_trackers(self.chain, qpos)
         apart = np.where(observation.position_mask[:, None], positions - observation.positions, 0.0)
         covariance = np.asarray(state.covariance)
         known = bool(np.isfinite(covariance).all())
@@ -185,11 +180,11 @@ class Synthesizer(Estimator[State]):
         mean = np.zeros(TANGENT_SIZE)
         solutions = []
         for angles in acquisition.starts:
-            start = align_root(self._chain, np.asarray(state.qpos), angles, observation)
+            start = align_root(self.chain, np.asarray(state.qpos), angles, observation)
             mean[6:] = acquisition.mean - angles
             belief = Belief(start, mean.copy(), information)
             problem = self._problem(observation, belief)
-            solver = SOLVERS[self.settings.solver]
+            solver = SOLVERS[self.settings.solver]()
             solutions.append(solver.solve(problem, start, self.settings.max_steps_acquire))
         best = min(solutions, key=lambda found: found.energy if found.ok else np.inf)
         found = state_at(best.qpos, self.settings.history, len(self.subject.trackers))

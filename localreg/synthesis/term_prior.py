@@ -15,12 +15,12 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from localreg.database.neighbours import Query
-from localreg.numerics import host_arrays
-from localreg.synthesis.belief import belief_of_terms
+from localreg.jax_numerics import host_arrays
 from localreg.synthesis.energy import Gaussian, Term
 from localreg.synthesis.examples import Examples, ExampleSource
 from localreg.synthesis.prior import Acquisition, Expectation, Prior
 from localreg.synthesis.state import State
+from localreg.synthesis.term_belief import belief_of_terms
 
 
 class Question(NamedTuple):

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 from localreg.compile_cache import keep_compiled_code
 keep_compiled_code(Path(sys.argv[1]))
-from localreg.numerics import jax
+from localreg.jax_numerics import jax
 import jax.numpy as jnp
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 print(float(jax.jit(lambda x: jnp.sin(x) @ x)(jnp.ones(7))))

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from localreg.body import chain, kinematics, rotations
 from localreg.body.chain import Placed, blank_placed, place, place_trackers
-from localreg.body.kinematics import Kinematics, chain_of
+from localreg.body.kinematics import Kinematics
 from localreg.body.model import build_model, tracker_site
 from localreg.body.skeleton import DOF_NAMES, TANGENT_SIZE
 from localreg.body.subject import Subject, canonical_subject
@@ -33,7 +33,7 @@ jax_jacobian = jax.jit(rotations.inverse_left_jacobian)
 
 
 def placed_by(subject: Subject, qpos: ndarray) -> tuple[chain.Chain, Placed]:
-    tree = chain_of(Kinematics.from_subject(subject))
+    tree = chain.chain_of(subject)
     placed = blank_placed(tree)
     place(tree, qpos, placed)
     return tree, placed
@@ -109,7 +109,7 @@ def test_trackers_are_where_the_jax_kinematics_has_them() -> None:
     poses = random_poses(12, 6)
     theirs = kinematics.tracker_poses_batch(other, jnp.asarray(poses))
     for index, qpos in enumerate(poses):
-        positions, quaternions = place_trackers(chain_of(other), qpos)
+        positions, quaternions = place_trackers(chain.chain_of(SUBJECTS[1]), qpos)
         np.testing.assert_allclose(positions, theirs.positions[index], atol=EXACT)
         np.testing.assert_allclose(quaternions, theirs.quaternions[index], atol=EXACT)
 

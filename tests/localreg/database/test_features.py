@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
-from localreg.body.kinematics import Kinematics
+from localreg.body.chain import chain_of
 from localreg.body.subject import canonical_subject
 from localreg.database.features import FeatureLayout, database_features
 from localreg.evaluation.body_points import BodyPoints
@@ -147,7 +147,7 @@ def test_features_of_a_database_are_those_of_its_trackers():
     subject = random_subject(9, trackers=6)
     layout = FeatureLayout.of(subject)
     qpos = random_poses(10, 30, spread=0.5).astype(np.float32)
-    features = database_features(layout, Kinematics.from_subject(subject), qpos[:, :7], qpos[:, 7:])
+    features = database_features(layout, chain_of(subject), qpos[:, :7], qpos[:, 7:])
     truth = BodyPoints(subject).tracker_poses(qpos.astype(float))
     expected = layout.extract(truth.positions, truth.quaternions)
     assert features.dtype == np.float32

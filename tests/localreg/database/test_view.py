@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from localreg.body.kinematics import Kinematics
+from localreg.body.chain import chain_of
 from localreg.body.subject import Subject, canonical_subject
 from localreg.database import PoseDatabase, view
 from localreg.database.cache import FOLDER, cached_arrays, digest
@@ -36,8 +36,8 @@ def look(folder: Path, subject: Subject, weight: float = 1.0) -> tuple[SubjectVi
     layout, told = FeatureLayout.of(subject), []
     metric = Metric(np.array([0.3, 0.2, 0.1]), np.full(layout.size, weight))
     database = PoseDatabase.load(folder)
-    kinematics = Kinematics.from_subject(subject)
-    seen = subject_view(database, layout, kinematics, metric, lambda *args: told.append(args[2]))
+    chain = chain_of(subject)
+    seen = subject_view(database, layout, chain, metric, lambda *args: told.append(args[2]))
     return seen, told
 
 
@@ -93,7 +93,7 @@ def test_databases_in_memory_leave_nothing_behind(cache: Path) -> None:
     database = PoseDatabase.build([make_motion(1, 300)])
     layout = FeatureLayout.of(canonical_subject())
     metric = Metric(np.ones(3), np.ones(layout.size))
-    subject_view(database, layout, Kinematics.from_subject(canonical_subject()), metric)
+    subject_view(database, layout, chain_of(canonical_subject()), metric)
     assert not cache.exists()
 
 

@@ -5,7 +5,8 @@ The reference takes half a minute to compile for each cap and tolerance: use the
 
 from typing import Final
 
-from localreg.synthesis.solver import CompiledSolver, ReferenceSolver
+from localreg.synthesis.reference_solver import ReferenceSolver
+from localreg.synthesis.solver import CompiledSolver
 
 CAP: Final = 200
 COMPILED: Final = CompiledSolver(tolerance=1e-12)

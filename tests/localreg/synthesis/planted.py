@@ -1,22 +1,24 @@
 """Problems with known answers: a body in a pose, and what its trackers say of it."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
-from localreg.body.kinematics import Kinematics, chain_of
+from localreg.body.chain import chain_of
+from localreg.body.kinematics import Kinematics
 from localreg.body.subject import canonical_subject
 from localreg.evaluation.body_points import BodyPoints
-from localreg.numerics import host_arrays
-from localreg.synthesis.belief import Belief, terms_of_belief
+from localreg.synthesis.belief import Belief
 from localreg.synthesis.compiled import Control
-from localreg.synthesis.energy import Observation, Term, TrackerTerm
+from localreg.synthesis.energy import Term, TrackerTerm
+from localreg.synthesis.observation import Observation
 from localreg.synthesis.solver import Problem
+from localreg.synthesis.term_belief import terms_of_belief
 
 SUBJECT = canonical_subject()
-BODY, KINEMATICS = BodyPoints(SUBJECT), Kinematics.from_subject(SUBJECT)
-CHAIN = chain_of(KINEMATICS)
+BODY, CHAIN = BodyPoints(SUBJECT), chain_of(SUBJECT)
 UPRIGHT = Rotation.from_quat([0.5**0.5, 0.5**0.5, 0.0, 0.0], scalar_first=True)
 ALL = np.ones(6, dtype=bool)
 NONE = np.zeros(6, dtype=bool)
@@ -37,20 +39,16 @@ def observe(
     """What the six trackers say in a pose, without noise; nonsense where masked."""
     poses = BODY.tracker_poses(np.asarray(qpos, dtype=float)[None])
     return Observation(
-        *host_arrays(
-            np.where(position_mask[:, None], poses.positions[0], 0.0),
-            np.where(orientation_mask[:, None], poses.quaternions[0], [1.0, 0.0, 0.0, 0.0]),
-            position_mask,
-            orientation_mask,
-        )
+        np.where(position_mask[:, None], poses.positions[0], 0.0),
+        np.where(orientation_mask[:, None], poses.quaternions[0], [1.0, 0.0, 0.0, 0.0]),
+        position_mask,
+        orientation_mask,
     )
 
 
 def planted(observation: Observation, belief: Belief, c: float = 9.0) -> Problem:
     """Trackers of the default quality, and a prior."""
-    return Problem(
-        KINEMATICS, CHAIN, observation, Control(0.005, float(np.radians(1.0)), c), belief
-    )
+    return Problem(CHAIN, observation, Control(0.005, float(np.radians(1.0)), c), belief)
 
 
 def belief_about(angles: ndarray, sigma: float) -> Belief:
@@ -63,9 +61,10 @@ def belief_about(angles: ndarray, sigma: float) -> Belief:
 
 def terms_of(problem: Problem) -> tuple[Term, ...]:
     """The problem as the papers' energy terms."""
-    observation = Observation(*(jnp.asarray(part) for part in problem.observation))
+    observation = jax.tree.map(jnp.asarray, problem.observation)
     control = (jnp.asarray(part) for part in problem.control)
-    return TrackerTerm(problem.kinematics, observation, *control), *terms_of_belief(problem.belief)
+    body = Kinematics.from_chain(problem.chain)
+    return TrackerTerm(body, observation, *control), *terms_of_belief(problem.belief)
 
 
 def turned_about_vertical(qpos: ndarray, angle: float) -> ndarray:

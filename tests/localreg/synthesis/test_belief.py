@@ -8,7 +8,7 @@ from numpy import ndarray
 
 from localreg.body import chain
 from localreg.errors import SynthesisError
-from localreg.synthesis.belief import NO_LIMITS, Belief, Limits, belief_of_terms, terms_of_belief
+from localreg.synthesis.belief import NO_LIMITS, Belief, Limits
 from localreg.synthesis.compiled import Control, energy_at
 from localreg.synthesis.energy import (
     Gaussian,
@@ -19,6 +19,7 @@ from localreg.synthesis.energy import (
     Term,
     energy,
 )
+from localreg.synthesis.term_belief import belief_of_terms, terms_of_belief
 from tests.localreg.synthesis.planted import CHAIN, NONE, observe, standing_pose
 
 energy_of = eqx.filter_jit(energy)

@@ -16,7 +16,6 @@ from localreg.synthesis.energy import (
     Gaussian,
     LimitTerm,
     Linearized,
-    Observation,
     PriorTerm,
     RootTerm,
     StepTerm,
@@ -27,6 +26,7 @@ from localreg.synthesis.energy import (
     robust_scale,
     robustify,
 )
+from localreg.synthesis.observation import Observation
 from tests.localreg.body.random_body import random_poses, random_subject
 
 TRACKERS = 7

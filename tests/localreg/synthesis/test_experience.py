@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy import ndarray
 
-from localreg.body.kinematics import Kinematics, chain_of
+from localreg.body.chain import Chain
 from localreg.database import PoseDatabase
 from localreg.motion.motion import Motion
 from localreg.synthesis import experience
@@ -28,10 +28,10 @@ class Lesson(NamedTuple):
     source: ExampleSource
     settings: Settings
     noise: ndarray
-    kinematics: Kinematics
+    chain: Chain
 
     def learned(self) -> Experience:
-        return learn(self.source, self.settings, self.noise, chain_of(self.kinematics))
+        return learn(self.source, self.settings, self.noise, self.chain)
 
 
 Given = Callable[..., Lesson]
@@ -44,7 +44,7 @@ def lesson(subject) -> Given:
         prior = estimator.prior
         assert isinstance(prior, LocalRegression)
         noise = prior.experience.pose.noise[3 * 56 :]
-        return Lesson(prior.source, SETTINGS, noise, estimator.kinematics)
+        return Lesson(prior.source, SETTINGS, noise, estimator.chain)
 
     return over
 

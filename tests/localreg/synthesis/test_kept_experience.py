@@ -7,7 +7,6 @@ import pytest
 from numpy import ndarray
 
 from localreg.body.chain import Chain
-from localreg.body.kinematics import chain_of
 from localreg.body.subject import Subject
 from localreg.database import PoseDatabase
 from localreg.database import view as view_module
@@ -61,8 +60,7 @@ def test_the_second_start_knows_what_the_first_has_learned(
     assert isinstance(prior, LocalRegression)
     noise = prior.experience.pose.noise[3 * 56 :]
     kept, fresh = (
-        make(prior.source, SETTINGS, noise, chain_of(estimator.kinematics))
-        for make in (experience_over, learn)
+        make(prior.source, SETTINGS, noise, estimator.chain) for make in (experience_over, learn)
     )
     rows = np.flatnonzero(prior.source.targets)[::9]
     for kind in ("pose", "step"):

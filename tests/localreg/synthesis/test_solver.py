@@ -10,7 +10,8 @@ from numpy import ndarray
 from localreg.body.kinematics import integrate
 from localreg.synthesis.belief import Belief
 from localreg.synthesis.energy import energy
-from localreg.synthesis.solver import Problem, Solution, Solver, _residual
+from localreg.synthesis.reference_solver import _residual
+from localreg.synthesis.solver import Problem, Solution, Solver
 from tests.localreg.synthesis.exact_solvers import CAP, COMPILED, REFERENCE
 from tests.localreg.synthesis.planted import (
     belief_about,

@@ -36,7 +36,7 @@ class Recording(Solver):
 
     def solve(self, problem: Problem, start: ndarray, max_steps: int) -> Solution:
         self.cases.append(Case(problem, start.copy()))
-        return SOLVERS["compiled"].solve(problem, start, max_steps)
+        return SOLVERS["compiled"]().solve(problem, start, max_steps)
 
 
 def moved(qpos: ndarray, seed: int, far: float) -> ndarray:
@@ -81,7 +81,7 @@ def walked(localreg, walk, walks) -> list[Case]:
     """Frames of two walks, with dropouts and outliers; among them those of cold starts."""
     recording = Recording()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(SOLVERS, "recording", recording)
+        patch.setitem(SOLVERS, "recording", lambda: recording)
         estimator = replace(localreg, settings=replace(localreg.settings, solver="recording"))
         for motion in (walk, walks["69_04"]):
             quality = TrackerQuality(dropout=0.1, outliers=0.03)

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from numpy import ndarray
 
-from localreg.body.kinematics import chain_of
 from localreg.body.subject import Subject
 from localreg.database import PoseDatabase
 from localreg.database.block_search import BlockSearch
@@ -223,7 +222,7 @@ def test_poses_that_are_left_out_are_never_found(localreg, trackers, database: P
     spy = Spy(prior.source.search)
     source = replace(prior.source, search=spy)
     noise = prior.experience.pose.noise[3 * 56 :]
-    experience = learn(source, prior.settings, noise, chain_of(estimator.kinematics))
+    experience = learn(source, prior.settings, noise, estimator.chain)
     rehearsed = len(spy.rows)
     assert rehearsed >= prior.settings.rehearsals
     estimator = replace(estimator, prior=replace(prior, source=source, experience=experience))
