@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 from numpy import ndarray
 
-from localreg.database.files import is_of_format, read_folder, write_folder
+from localreg.database.files import UNFINISHED, is_of_format, read_folder, write_folder
 from localreg.errors import DatabaseError
 
 FORMAT: Final = "localreg cached arrays"

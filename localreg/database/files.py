@@ -23,6 +23,9 @@ FORMAT: Final = "localreg pose database"
 VERSION: Final = 1
 MANIFEST: Final = "manifest.json"
 
+UNFINISHED: Final = ".*.new-*"
+"""What folders are called while they are written; one may be left after a crash."""
+
 SMALL: Final = 64 * 2**20
 """Databases up to this size [bytes] have their checksums verified at every load."""
 
