@@ -47,11 +47,15 @@ $(BIN)/uv:
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install -q uv
 
+# Byte code is compiled once, here: left to the first import, it would be compiled at every start
+# where Python is told to write none, and take most of it.
 .venv/.runtime: requirements.lock pyproject.toml | $(BIN)/uv
-	$(BIN)/uv pip install -q -p $(BIN)/python --require-hashes -r requirements.lock
+	$(BIN)/uv pip install -q -p $(BIN)/python --compile-bytecode --require-hashes -r requirements.lock
 	$(BIN)/uv pip install -q -p $(BIN)/python --no-deps -e .
+	$(BIN)/python -m compileall -q localreg sensors calibration
 	@touch $@
 
 .venv/.develop: requirements-dev.lock .venv/.runtime
-	$(BIN)/uv pip install -q -p $(BIN)/python --require-hashes -r requirements-dev.lock
+	$(BIN)/uv pip install -q -p $(BIN)/python --compile-bytecode --require-hashes \
+	  -r requirements-dev.lock
 	@touch $@
