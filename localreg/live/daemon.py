@@ -20,7 +20,6 @@ from localreg.body.subject import Subject, read_subject
 from localreg.errors import LocalregError
 from localreg.live.config import EmulatorConfig, RunConfig
 from localreg.live.database_choice import ChosenDatabase, choose_database, sample_clips
-from localreg.live.demo.playlist import Playlist
 from localreg.live.health import Health, HealthReport
 from localreg.live.outputs import open_motion_file, open_outputs
 from localreg.live.quiet import IdleWork, undisturbed
@@ -31,11 +30,9 @@ from localreg.live.session import Session, stopped_by_interrupt
 from localreg.live.sinks import Sink
 from localreg.live.status_server import StatusServer
 from localreg.live.take import TakeRecorder
-from localreg.live.viewing import EVERY, LiveView
 from localreg.live.warm_up import warm_up
 from localreg.synthesis.estimator import AnyEstimator
 from localreg.synthesis.methods import METHODS, build_estimator
-from sensors.emulators.process import EmulatorProcess
 from sensors.recording import Recorder
 from sensors.tracker_input import TrackerInput
 
@@ -75,14 +72,17 @@ def run(
         subject = wearing(subject, config)
         sinks = _sinks(config, options, subject, stack)
         recorder = _recorder(options.record, stack)
-        view = None
+        view, chores = None, ()
         if options.view.kind != "none":
+            from localreg.live.viewing import EVERY, LiveView
+
             view = LiveView(
                 options.view, subject, config.assembler.rate, tell,
                 recenter=recentering.request, recorder=recorder,
             )  # fmt: skip
             stack.callback(view.close)
             sinks += view.sinks
+            chores = ((EVERY, view.refresh),)
         estimator = _warm_estimator(config.synthesis.method, subject, chosen, tell)
         if config.emulator is not None:
             config = config.with_port(stack.enter_context(_emulated(config.emulator, config)))
@@ -98,7 +98,7 @@ def run(
             sinks,
             devices=trackers.devices,
             config=config.performance,
-            on_idle=IdleWork() if view is None else IdleWork((EVERY, view.refresh)),
+            on_idle=IdleWork(*chores),
             place=recentering,
             log=log,
             now=trackers.stream.clock.now,
@@ -167,6 +167,9 @@ def _recorder(record: tuple[Path, ...], stack: contextlib.ExitStack) -> Recorder
 @contextlib.contextmanager
 def _emulated(emulator: EmulatorConfig, config: RunConfig) -> Iterator[str]:
     """The port of an emulated IS-900 on which real walks are played, over and over."""
+    from localreg.live.demo.playlist import Playlist
+    from sensors.emulators.process import EmulatorProcess
+
     playlist = Playlist.of(sample_clips(emulator.clips), config.assembler.rate)
     playback = playlist.playback()
     with tempfile.TemporaryDirectory() as scratch:

@@ -15,8 +15,8 @@ from localreg.database.files import MANIFEST
 from localreg.database.store import PoseDatabase
 from localreg.errors import DatabaseError
 from localreg.motion.motion import Motion
-from localreg.motion.sources import SAMPLE, read_sources
 
+_SAMPLE: Final = "sample"
 _ARRAYS: Final = ("angles", "roots", "clip_index", "offsets", "axis_frames")
 
 
@@ -54,9 +54,9 @@ def choose_database(
         poses = PoseDatabase.load(folder)
         return ChosenDatabase(poses, _of_folder(folder), str(folder), canonical_subject())
     tell("building the database of the sample set")
-    motions, _ = read_sources([SAMPLE])
+    motions = _sample()
     poses = PoseDatabase.build(motions)
-    return ChosenDatabase(poses, identity(poses), SAMPLE, motions[0].subject)
+    return ChosenDatabase(poses, identity(poses), _SAMPLE, motions[0].subject)
 
 
 def sample_clips(names: tuple[str, ...]) -> list[Motion]:
@@ -65,7 +65,7 @@ def sample_clips(names: tuple[str, ...]) -> list[Motion]:
     Raises:
         DatabaseError: there is no clip of a name.
     """
-    motions, _ = read_sources([SAMPLE])
+    motions = _sample()
     by_name = {motion.provenance.name: motion for motion in motions}
     unknown = [name for name in names if name not in by_name]
     if unknown:
@@ -73,6 +73,13 @@ def sample_clips(names: tuple[str, ...]) -> list[Motion]:
             f"the sample set has no clip {', '.join(unknown)}; there are {', '.join(by_name)}"
         )
     return [by_name[name] for name in names] if names else motions
+
+
+def _sample() -> list[Motion]:
+    # A run on a database of one's own reads no motion files.
+    from localreg.motion.sources import read_sources
+
+    return read_sources([_SAMPLE])[0]
 
 
 def identity(poses: PoseDatabase) -> str:

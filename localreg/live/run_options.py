@@ -1,6 +1,6 @@
 """What a run is told beyond its configuration, and whether it could begin.
 
-Imports nothing heavy: a mistake is answered before JAX is loaded.
+Imports nothing heavy: a mistake is answered before MuJoCo and compiled code are loaded.
 """
 
 import math
@@ -10,7 +10,6 @@ from pathlib import Path
 from localreg.body.subject import Subject, canonical_subject, read_subject
 from localreg.errors import LocalregError
 from localreg.live.config import RunConfig
-from localreg.live.sinks.motion_stream import GROWING
 from localreg.live.view_options import ViewOptions
 from localreg.synthesis.settings import METHODS
 from sensors.devices.replay import ReplayConfig
@@ -65,18 +64,25 @@ def wearer_of(config: RunConfig, options: RunOptions) -> Subject:
 
 def _check_files(options: RunOptions) -> None:
     """Whether the files to write can be what they are named, and are not there yet."""
-    for path in options.record:
+    if options.record:
+        _check_endings(options.record)
+    health = () if options.health in (None, "-") else (Path(options.health),)
+    for path in (*options.record, *health):
+        if path.exists():
+            raise LocalregError(f"{path} exists and is not overwritten; give another name")
+
+
+def _check_endings(record: tuple[Path, ...]) -> None:
+    from localreg.live.sinks.motion_stream import GROWING
+
+    for path in record:
         if path.suffix.lower() not in (RECORDING, *GROWING):
             raise LocalregError(
                 f"cannot record to {path}; give files ending in {RECORDING} (everything), "
                 f"{' or '.join(GROWING)} (the motion)"
             )
-    if sum(path.suffix.lower() == RECORDING for path in options.record) > 1:
+    if sum(path.suffix.lower() == RECORDING for path in record) > 1:
         raise LocalregError(f"one recording at a time; give one file ending in {RECORDING}")
-    health = () if options.health in (None, "-") else (Path(options.health),)
-    for path in (*options.record, *health):
-        if path.exists():
-            raise LocalregError(f"{path} exists and is not overwritten; give another name")
 
 
 def wearing(subject: Subject, config: RunConfig) -> Subject:

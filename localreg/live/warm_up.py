@@ -8,11 +8,12 @@ from localreg.body.skeleton import QPOS_SIZE
 from localreg.body.subject import Subject
 from localreg.evaluation.body_points import BodyPoints
 from localreg.synthesis.estimator import AnyEstimator
+from localreg.synthesis.synthesizer import LOST_AFTER
 from sensors.pose import TrackerFrame
 
 _UPRIGHT = (0.5**0.5, 0.5**0.5, 0.0, 0.0)
 _JUMP = 2.0
-_ROUNDS = 10
+_ROUNDS = LOST_AFTER + 1  # after which a body has been sought anew
 
 
 def warm_up(estimator: AnyEstimator) -> float:

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray
-from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation, RotationSpline, Slerp
 
 from localreg.body.skeleton import BONES, DOF_BONES, DOF_NAMES, QPOS_SIZE, mirror_name
@@ -128,6 +127,8 @@ class Motion:
         if len(self) < 2:
             return replace(self, rate=rate)
         old = np.arange(len(self)) / self.rate
+        from scipy.interpolate import make_interp_spline  # takes longer than a start has time for
+
         # The small allowance keeps the last frame when rounding puts it a hair too late.
         new = np.arange(0.0, self.seconds + 1e-9, 1.0 / rate).clip(max=self.seconds)
         degree = 3 if len(self) > 3 else 1

@@ -12,7 +12,7 @@ from localreg.errors import LocalregError
 
 run = CliRunner().invoke
 
-_HEAVY = ("jax", "mujoco", "matplotlib", "faiss", "scipy", "numpy", "rich.table", "serial")
+_HEAVY = ("jax", "numba", "mujoco", "matplotlib", "faiss", "scipy", "numpy", "rich.table", "serial")
 
 
 def test_help_lists_every_command_and_imports_none() -> None:
