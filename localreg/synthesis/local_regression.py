@@ -132,6 +132,7 @@ class LocalRegression(Prior):
             drift=Ahead(Drift(mean, spread, cross), gain),
             caution=self.experience.caution,
             confidence=min(1.0, self.experience.usual / max(distance, 1e-9)),
+            near=neighbours,
         )
 
     def conclude(

@@ -95,6 +95,7 @@ class Synthesizer(Estimator[State]):
             covariance=covariance,
             attention=attention,
             drift=self.prior.conclude(expectation, solution.qpos, covariance),
+            near=expectation.near,
             lost=state.lost + 1 if self._is_far(observation, solution) else 0,
         )
         result = Result.SOLVED if solved else Result.FAILED
@@ -136,6 +137,7 @@ class Synthesizer(Estimator[State]):
             history_valid=np.asarray(state.history_valid),
             features=layout.extract(heard.positions, heard.quaternions),
             feature_trust=trust,
+            near=state.near,
         )
         return query, attention
 
