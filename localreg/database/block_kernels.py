@@ -30,6 +30,7 @@ SOME = 256
 
 _MARGIN = 1.04  # what is gathered in advance of what is expected to be near
 _FIRST_COMPARED = 1.1  # times as many as are wanted give the limit for the others
+_RANKED = 1000  # clusters whose distances are put in order
 _SLACK = 1e-4  # of what rounding may add to a squared length, as a share of it
 # Sums may be reordered to fill vector registers; what is not finite stays so.
 _FAST = {"contract", "reassoc", "nsz", "arcp"}
@@ -115,6 +116,7 @@ class Target(NamedTuple):
         fine_point, fine_turn, fine_beside: the same in the directions of sketches, which
             begin with those of blocks.
         without: the recording that must not be found; -1 for none.
+        is_strict: whether no neighbour may be missing.
     """
 
     past: Float32[ndarray, " m56"]
@@ -128,6 +130,7 @@ class Target(NamedTuple):
     fine_turn: Float32[ndarray, "D D"]
     fine_beside: float
     without: int
+    is_strict: bool
 
 
 class Scratch(NamedTuple):
@@ -299,17 +302,20 @@ def _along_curve(cc, products, n, out):
 
 @njit(cache=True, fastmath=_FAST, inline="always")
 @no_type_check
-def _reach(is_turned, outside, limit, low, high):
+def _reach(is_turned, is_strict, outside, limit, low, high):
     """How far a window within `limit` can be in principal directions, squared; less if nowhere.
 
     Args:
         is_turned: whether directions are as far as they are trusted.
+        is_strict: whether that is a bound, which is loose for turned directions, or likely.
         outside: length of what of the query lies outside them.
         limit: a squared distance.
         low: least length of what of the window lies outside them.
         high: the greatest.
     """
     if is_turned:
+        if not is_strict:
+            return limit
         # |T(z - q)| >= |what is turned| - |what is not|, the latter never longer than before.
         most = np.float32(sqrt(limit)) + high
         return most * most - outside * outside
@@ -379,16 +385,23 @@ def _inner_products(blocks, target, begin, end, scratch):
 @no_type_check
 def _choose_clusters(blocks, target, probes, first, scratch):
     """Mark the clusters to look into: 2 at once, 1 perhaps; they get 3 once measured."""
-    count = len(blocks.cluster_center)
-    _measure(blocks.cluster_center, target, 0, count, scratch, scratch.cluster_apart)
-    scratch.order[:count] = scratch.cluster_apart
-    last = nth_smallest(scratch.order, count, min(probes, count) - 1)
-    near = np.float32(-1.0)
+    apart, order, probed = scratch.cluster_apart, scratch.order, scratch.probed
+    count = len(apart)
+    _measure(blocks.cluster_center, target, 0, count, scratch, apart)
+    # Clusters are in no order: some of them tell about how far that many are.
+    stride = 1 + count // _RANKED
+    some = 0
+    for cluster in range(0, count, stride):
+        order[some] = apart[cluster]
+        some += 1
+    last, near = np.float32(np.inf), np.float32(-1.0)
+    if probes < count:
+        last = nth_smallest(order, some, -(-probes // stride) - 1)
     if first:
-        near = nth_smallest(scratch.order, min(probes, count), min(first, probes, count) - 1)
+        near = min(nth_smallest(order, some, min(-(-first // stride), some) - 1), last)
     for cluster in range(count):
-        apart = scratch.cluster_apart[cluster]
-        scratch.probed[cluster] = 2 if apart <= near else (1 if apart <= last else 0)
+        distance = apart[cluster]
+        probed[cluster] = 2 if distance <= near else (1 if distance <= last else 0)
 
 
 @njit(cache=True, fastmath=_FAST, inline="always")
@@ -489,7 +502,7 @@ def _hold(blocks, target, limit, scratch):
     is_turned, outside = len(target.turn) > 0, np.float32(target.beside)
     slack = np.float32(_SLACK)
     # A first look, the same for all blocks: no root is taken of those that are far.
-    farthest = _reach(is_turned, outside, limit, outside, blocks.longest[0])
+    farthest = _reach(is_turned, target.is_strict, outside, limit, outside, blocks.longest[0])
     farthest = np.float32(sqrt(max(farthest, np.float32(0.0)))) * (np.float32(1.0) + slack)
     count = 0
     for cluster in range(len(probed)):
@@ -506,7 +519,9 @@ def _hold(blocks, target, limit, scratch):
             ball = farthest + radius[block]
             if apart[block] > ball * ball:
                 continue
-            reach = _reach(is_turned, outside, limit, beside[block, 0], beside[block, 1])
+            reach = _reach(
+                is_turned, target.is_strict, outside, limit, beside[block, 0], beside[block, 1]
+            )
             reach += slack * (apart[block] + limit)
             if reach < np.float32(0.0):
                 continue
@@ -535,7 +550,9 @@ def _gather(blocks, poses, target, limit, hinted, scratch):
         _inner_products(blocks, target, begin, end, scratch)
         for n in range(begin, end):
             block = held[n]
-            reach = _reach(is_turned, outside, limit, beside[block, 0], beside[block, 1])
+            reach = _reach(
+                is_turned, target.is_strict, outside, limit, beside[block, 0], beside[block, 1]
+            )
             reach += np.float32(_SLACK) * (apart[block] + limit)
             tube = np.float32(sqrt(reach)) + off_curve[block]
             tube *= tube
@@ -594,6 +611,8 @@ def _least(target, squared, off, beside):
     """
     away = max(np.float32(sqrt(squared)) - off, np.float32(0.0))
     if len(target.fine_turn):
+        if not target.is_strict:
+            return away * away, squared
         # What is not trusted is no longer than it was.
         least = sqrt(away * away + target.fine_beside**2) - beside
         return max(least, 0.0) * abs(least), squared

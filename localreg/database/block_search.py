@@ -151,7 +151,7 @@ class BlockSearch(NeighbourSearch):
         beside, fine_beside = np.sqrt(np.maximum(outside, 0.0))
         return Target(
             raw[:past], weight[:past], raw[past:], weight[past:], point[:DIRECTIONS], coarse,
-            beside, point, turn, fine_beside, without,
+            beside, point, turn, fine_beside, without, self.is_exact,
         )  # fmt: skip
 
     def _scratch(self) -> Scratch:
