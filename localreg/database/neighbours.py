@@ -30,6 +30,13 @@ class Metric:
     features: Float[ndarray, " f"]
 
 
+class Neighbours(NamedTuple):
+    """Rows of the database, nearest first, and their squared distances."""
+
+    rows: Int[ndarray, " K"]
+    squared_distances: Float[ndarray, " K"]
+
+
 class Query(NamedTuple):
     """What is known before the pose is solved.
 
@@ -38,19 +45,14 @@ class Query(NamedTuple):
         history_valid: which of them exist.
         features: features of the present trackers.
         feature_trust: how far each column is believed: 1 measured, 0 unknown.
+        near: the neighbours of the frame before; what follows them is likely to be near.
     """
 
     history: Float[ndarray, "m 56"]
     history_valid: Bool[ndarray, " m"]
     features: Float[ndarray, " f"]
     feature_trust: Float[ndarray, " f"]
-
-
-class Neighbours(NamedTuple):
-    """Rows of the database, nearest first, and their squared distances."""
-
-    rows: Int[ndarray, " K"]
-    squared_distances: Float[ndarray, " K"]
+    near: Neighbours | None = None
 
 
 class NeighbourSearch(ABC):

@@ -15,7 +15,7 @@ from numpy import ndarray
 
 from localreg.body.chain import Chain
 from localreg.database.block_index import BlockIndex, build_index
-from localreg.database.block_kernels import Blocks
+from localreg.database.block_kernels import Blocks, Sketches
 from localreg.database.block_search import PROBES, BlockSearch
 from localreg.database.cache import cached_arrays, digest, touch
 from localreg.database.features import FeatureLayout, database_features
@@ -26,8 +26,8 @@ LARGE: Final = 200_000
 """Poses from which neighbours are sought in the likeliest clusters only."""
 
 _WORTH_KEEPING: Final = 20_000  # poses that take longer to index than to map
-_VERSION: Final = 2  # of what is kept
-_INDEX: Final = ("mean", "basis", *Blocks._fields)
+_VERSION: Final = 3  # of what is kept
+_INDEX: Final = ("mean", "basis", *Blocks._fields, *Sketches._fields)
 
 Tell = Callable[[int, int, str], None]
 

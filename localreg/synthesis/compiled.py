@@ -198,33 +198,35 @@ def minimize(chain, observation, control, belief, start, max_steps, tolerance, p
     L, step = np.zeros((_TANGENT, _TANGENT)), np.empty(_TANGENT)
     jacobian = np.empty((len(chain.site_body), 6, _TANGENT))
     energy = energy_at(chain, observation, control, belief, qpos, placed, errors, deviation, pull)
-    damping, steps, moved = 0.0, 0, True
-    while moved:
+    tracker_jacobian(chain, placed, jacobian)
+    _normal_equations(jacobian, errors, observation, control, belief, qpos, deviation, pull, H, g)
+    damping, steps, last, converged = 0.0, 0, 0.0, False
+    while not converged and steps < max_steps and damping < _STRONGEST_DAMPING:
+        steps += 1
+        if not factorize(H, damping, L):
+            damping = max(10.0 * damping, _WEAKEST_DAMPING)
+            continue
+        substitute(L, -g, step)
+        # Also false where something is not finite.
+        if not -0.5 * np.dot(g, step) > tolerance:
+            break
+        integrate(qpos, step, trial)
+        lower = energy_at(
+            chain, observation, control, belief, trial, placed, errors, deviation, pull
+        )
+        if not lower < energy:
+            energy_at(chain, observation, control, belief, qpos, placed, errors, deviation, pull)
+            damping = max(10.0 * damping, _WEAKEST_DAMPING)
+            continue
+        # The next decrease would be about the same share of this one as this is of the last.
+        decrease = energy - lower
+        converged = damping == 0.0 and decrease * decrease < tolerance * last
+        qpos[:], energy, last = trial, lower, decrease
+        damping = 0.1 * damping if damping > _WEAKEST_DAMPING else 0.0
         tracker_jacobian(chain, placed, jacobian)
         _normal_equations(
             jacobian, errors, observation, control, belief, qpos, deviation, pull, H, g
         )
-        moved = False
-        while steps < max_steps and damping < _STRONGEST_DAMPING:
-            steps += 1
-            if not factorize(H, damping, L):
-                damping = max(10.0 * damping, _WEAKEST_DAMPING)
-                continue
-            substitute(L, -g, step)
-            expected = -0.5 * np.dot(g, step)
-            # Also false where something is not finite.
-            if not expected > tolerance:
-                break
-            integrate(qpos, step, trial)
-            lower = energy_at(
-                chain, observation, control, belief, trial, placed, errors, deviation, pull
-            )
-            if lower < energy:
-                qpos[:], energy, moved = trial, lower, True
-                damping = 0.1 * damping if damping > _WEAKEST_DAMPING else 0.0
-                break
-            energy_at(chain, observation, control, belief, qpos, placed, errors, deviation, pull)
-            damping = max(10.0 * damping, _WEAKEST_DAMPING)
     for a in range(_TANGENT):
         for b in range(a):
             H[b, a] = H[a, b]

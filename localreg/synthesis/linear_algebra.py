@@ -16,21 +16,29 @@ _IN_ANY_ORDER = {"reassoc", "contract", "nsz"}
 @no_type_check
 def factorize(H, damping, L):
     """Cholesky factor of the lower triangle of H, its diagonal grown; False if there is none."""
-    n = len(H)
+    n, one = len(H), H.dtype.type(1.0)
+    scale = np.empty(n, H.dtype)
     for i in range(n):
-        for j in range(i + 1):
-            total = H[i, j]
-            if i == j:
-                total *= 1.0 + damping
-            row_i, row_j = L[i], L[j]
+        # Two columns at a time, since each row that is read serves both.
+        for j in range(0, i - 1, 2):
+            left, right = H[i, j], H[i, j + 1]
             for k in range(j):
-                total -= row_i[k] * row_j[k]
-            if i == j:
-                if not total > 0.0:
-                    return False
-                L[i, i] = np.sqrt(total)
-            else:
-                L[i, j] = total / L[j, j]
+                left -= L[i, k] * L[j, k]
+                right -= L[i, k] * L[j + 1, k]
+            left *= scale[j]
+            L[i, j], L[i, j + 1] = left, (right - left * L[j + 1, j]) * scale[j + 1]
+        if i % 2:
+            last = H[i, i - 1]
+            for k in range(i - 1):
+                last -= L[i, k] * L[i - 1, k]
+            L[i, i - 1] = last * scale[i - 1]
+        rest = H[i, i] * (one + damping)
+        for k in range(i):
+            rest -= L[i, k] * L[i, k]
+        if not rest > 0.0:
+            return False
+        L[i, i] = np.sqrt(rest)
+        scale[i] = one / L[i, i]
     return True
 
 
@@ -67,10 +75,29 @@ def invert_triangle(L, M):
 
 @njit(cache=True)
 @no_type_check
-def positive_inverse(A):
-    """The inverse of a symmetric positive definite matrix; NaN where it is not definite."""
+def _inverse_at_once(A):
     L, M = np.zeros_like(A), np.zeros_like(A)
-    if not factorize(A, 0.0, L):
+    if not factorize(A, A.dtype.type(0.0), L):
         return np.full_like(A, np.nan)
     invert_triangle(L, M)
     return np.dot(M.T, M)
+
+
+@njit(cache=True)
+@no_type_check
+def positive_inverse(A):
+    """The inverse of a symmetric positive definite matrix; NaN where it is not definite.
+
+    By halves (Schur's complement), so that most of it is products of matrices.
+    """
+    half = len(A) // 2
+    below = A[half:, :half].copy()
+    first = _inverse_at_once(A[:half, :half].copy())
+    carried = np.dot(below, first)
+    last = _inverse_at_once(A[half:, half:] - np.dot(carried, below.T))
+    corner = np.dot(last, carried)
+    first += np.dot(carried.T, corner)
+    inverse = np.empty_like(A)
+    inverse[:half, :half], inverse[half:, half:] = first, last
+    inverse[half:, :half], inverse[:half, half:] = -corner, -corner.T
+    return inverse

@@ -8,7 +8,7 @@ the time, and centered inputs in units of their noise lose nothing by it.
 from typing import NamedTuple, no_type_check
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Float32
 from numba import njit
 from numpy import ndarray
 
@@ -169,13 +169,15 @@ def _fit(X, Y, weights, x, ridge):
     L, W = np.zeros_like(square), np.zeros_like(square)
     if factorize(square, X.dtype.type(0.0), L):
         invert_triangle(L, W)
-    slopes = np.dot(W.T, np.dot(W, np.dot(A.T, B)))
+    white = np.dot(W, A.T)
+    along = np.dot(white, B)
     kept = one - shares
     alone = one / np.maximum(kept, least)
-    for direction in np.dot(W, A.T):
+    for k in range(len(white)):
         for i in range(len(X)):
-            kept[i] -= direction[i] * direction[i]
-    return mean, B, x - center, slopes, np.dot(A, slopes), alone, one / np.maximum(kept, least)
+            kept[i] -= white[k, i] * white[k, i]
+    left_out = one / np.maximum(kept, least)
+    return mean, B, x - center, np.dot(W.T, along), np.dot(white.T, along), alone, left_out
 
 
 @njit(cache=True)
@@ -191,3 +193,35 @@ def _normal(fit, share):
     slopes = fit.slopes * share
     covariance = np.dot(residuals.T, residuals) + np.dot(slopes.T, slopes)
     return fit.mean + np.dot(fit.x, slopes), covariance
+
+
+def predict(
+    X: Float32[ndarray, "K n"],
+    Y: Float32[ndarray, "K d"],
+    weights: Float[ndarray, " K"],
+    x: Float32[ndarray, " n"],
+    ridge: float,
+    share: Float[ndarray, " d"],
+    growth: Float[ndarray, "d d"],
+) -> Normal:
+    """What a `LocalFit` says at an input that is held `within_reach`, with a doubt of its own.
+
+    Args:
+        X: inputs of the examples.
+        Y: their outputs.
+        weights: how they count.
+        x: the present input.
+        ridge: of the regression.
+        share: of the predicted deviation that is believed, for every output.
+        growth: what is added to the covariance.
+    """
+    return Normal(*_predict(X, Y, weights, x, ridge, share, growth))
+
+
+@njit(cache=True)
+@no_type_check
+def _predict(X, Y, weights, x, ridge, share, growth):
+    held = _within_reach(X, weights, x)
+    fit = _Fit(*_fit(X, Y, weights.astype(X.dtype), held, X.dtype.type(ridge)))
+    mean, covariance = _normal(fit, share.astype(X.dtype))
+    return mean.astype(np.float64), growth + covariance

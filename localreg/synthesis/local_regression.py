@@ -17,6 +17,7 @@ Errors of consecutive frames are alike, which is why they cannot simply be avera
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple, no_type_check
 
 import numpy as np
@@ -67,6 +68,22 @@ class Ahead(NamedTuple):
     gain: Float[ndarray, "62 62"]
 
 
+class Memory(NamedTuple):
+    """How the past is carried on.
+
+    Attributes:
+        lasts: share of the drift that is still there a frame later.
+        floor_position: least deviation of a step's translation [m].
+        floor_angle: of its angles [rad].
+        pose_information: share of the pose regression's information that counts.
+    """
+
+    lasts: float
+    floor_position: float
+    floor_angle: float
+    pose_information: float
+
+
 @dataclass(frozen=True, eq=False)
 class LocalRegression(Prior):
     """The default prior.
@@ -115,23 +132,17 @@ class LocalRegression(Prior):
         drift = state.drift or Drift(
             np.zeros(TANGENT_SIZE), step.covariance, np.zeros_like(step.covariance)
         )
-        floor = np.repeat(
-            [settings.step_floor_position, settings.step_floor_angle], [3, 3 + DOF_COUNT]
-        )
-        covariance, spread, cross = _carry(
-            np.asarray(state.covariance), drift, step.covariance, settings.drift_memory, floor
-        )
-        mean = settings.drift_memory * drift.mean
-        qpos = np.empty(7 + DOF_COUNT)
-        integrate(before, step.mean + mean, qpos)
         pose = self._pose(neighbours.rows, weights, query, distance)
-        offset, information, gain = _fuse(covariance, cross, pose, qpos, settings.pose_information)
+        qpos, covariance, ahead, offset, information, gain = _look_ahead(
+            before, np.asarray(state.covariance), drift, step, pose, self._memory
+        )
         return Expectation(
             belief=Belief(qpos, offset, information, self.limits),
             covariance=covariance,
-            drift=Ahead(Drift(mean, spread, cross), gain),
+            drift=Ahead(Drift(*ahead), gain),
             caution=self.experience.caution,
             confidence=min(1.0, self.experience.usual / max(distance, 1e-9)),
+            near=neighbours,
         )
 
     def conclude(
@@ -160,6 +171,16 @@ class LocalRegression(Prior):
             spread_starts(pose.mean, examples), pose.mean, np.linalg.inv(pose.covariance)
         )
 
+    @cached_property
+    def _memory(self) -> Memory:
+        settings = self.settings
+        return Memory(
+            lasts=settings.drift_memory,
+            floor_position=settings.step_floor_position,
+            floor_angle=settings.step_floor_angle,
+            pose_information=settings.pose_information,
+        )
+
     def _distance(self, neighbours: Neighbours, query: Query) -> float:
         """How far the neighbours are, squared, as if the whole query were known."""
         near = neighbours.squared_distances[int(NEAR * len(neighbours.rows))]
@@ -176,11 +197,12 @@ class LocalRegression(Prior):
         known = self.experience
         raw = np.concatenate([query.history.ravel(), query.features])
         trust = np.concatenate([np.repeat(query.history_valid, DOF_COUNT), query.feature_trust])
-        angles = self.source.angles[rows]
-        fit = known.pose.fit(rows, weights, raw, trust, angles, self.settings.pose_ridge)
-        mean, covariance = _grown(fit.normal(known.pose_share), distance, known.pose_growth)
-        covariance[np.diag_indices(DOF_COUNT)] += self.settings.floor**2
-        return Normal(mean, covariance)
+        growth = distance * known.pose_growth
+        growth.flat[:: DOF_COUNT + 1] += self.settings.floor**2
+        return known.pose.predict(
+            rows, weights, raw, trust, self.source.angles[rows],
+            self.settings.pose_ridge, known.pose_share, growth,
+        )  # fmt: skip
 
     def _step(
         self,
@@ -192,16 +214,10 @@ class LocalRegression(Prior):
         """The step, root translation in the root's own axes."""
         known = self.experience
         raw, trust = query.history.ravel(), np.repeat(query.history_valid, DOF_COUNT).astype(float)
-        steps = known.steps.of(rows)
-        fit = known.step.fit(rows, weights, raw, trust, steps, self.settings.step_ridge)
-        return _grown(fit.normal(known.step_share), distance, known.step_growth)
-
-
-def _grown(normal: Normal, distance: float, growth: Float[ndarray, "d d"]) -> Normal:
-    """The prediction with what rehearsal adds to its covariance at a squared distance."""
-    covariance = distance * growth
-    covariance += normal.covariance
-    return Normal(normal.mean.astype(float), covariance)
+        return known.step.predict(
+            rows, weights, raw, trust, known.steps.of(rows),
+            self.settings.step_ridge, known.step_share, distance * known.step_growth,
+        )  # fmt: skip
 
 
 @njit(cache=True)
@@ -221,17 +237,19 @@ def to_the_world(quaternion, mean, covariance):
 
 @njit(cache=True)
 @no_type_check
-def _carry(covariance, drift, step, lasts, floor):
-    """The past carried on: covariance of the pose, of the drift, and of both together."""
-    n = len(covariance)
-    ahead, spread = np.empty((n, n)), np.empty((n, n))
+def _carry(covariance, drift, step, memory):
+    """The past carried on: covariance of the pose, and the drift's parts."""
+    n, lasts = len(covariance), memory.lasts
+    before, crossed = drift.covariance, drift.cross
+    ahead, spread, cross = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
     for i in range(n):
         for j in range(n):
-            spread[i, j] = lasts**2 * drift.covariance[i, j] + (1.0 - lasts**2) * step[i, j]
-            both = lasts * (drift.cross[i, j] + drift.cross[j, i])
+            spread[i, j] = lasts**2 * before[i, j] + (1.0 - lasts**2) * step[i, j]
+            cross[i, j] = lasts * crossed[i, j] + spread[i, j]
+            both = lasts * (crossed[i, j] + crossed[j, i])
             ahead[i, j] = covariance[i, j] + spread[i, j] + both
-        ahead[i, i] += floor[i] ** 2
-    return ahead, spread, lasts * drift.cross + spread
+        ahead[i, i] += (memory.floor_position if i < 3 else memory.floor_angle) ** 2
+    return ahead, (lasts * drift.mean, spread, cross)
 
 
 @njit(cache=True)
@@ -254,6 +272,22 @@ def _fuse(covariance, cross, pose, qpos, share):
     else:
         mean[:] = np.nan
     return mean, information, np.dot(cross.T, carried)
+
+
+@njit(cache=True)
+@no_type_check
+def _look_ahead(before, covariance, drift, step, pose, memory):
+    """From the last pose and both regressions to a belief.
+
+    Returns:
+        The expected pose, its covariance by the past alone, the parts of the drift; mean and
+        information of the deviation from that pose, and the gain of the drift.
+    """
+    ahead, drifting = _carry(covariance, drift, step.covariance, memory)
+    qpos = np.empty_like(before)
+    integrate(before, step.mean + drifting[0], qpos)
+    mean, information, gain = _fuse(ahead, drifting[2], pose, qpos, memory.pose_information)
+    return qpos, ahead, drifting, mean, information, gain
 
 
 @njit(cache=True)

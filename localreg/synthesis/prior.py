@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from localreg.database.neighbours import Query
+from localreg.database.neighbours import Neighbours, Query
 from localreg.synthesis.belief import Belief
 from localreg.synthesis.state import State
 
@@ -29,6 +29,7 @@ class Expectation(NamedTuple):
         drift: how the past's prediction is expected to be wrong; the prior's own business.
         caution: how large errors are in units of what the belief predicts.
         confidence: 0 to 1, how well the database knows what is being seen; NaN without one.
+        near: the neighbours that it comes from.
     """
 
     belief: Belief
@@ -36,6 +37,7 @@ class Expectation(NamedTuple):
     drift: Any = None
     caution: float = 1.0
     confidence: float = float("nan")
+    near: Neighbours | None = None
 
 
 class Acquisition(NamedTuple):

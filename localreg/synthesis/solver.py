@@ -76,10 +76,10 @@ class CompiledSolver(Solver):
     """The fast solver.
 
     Attributes:
-        tolerance: expected decrease of the energy that is not worth another step.
+        tolerance: decrease of the energy that is not worth another step.
     """
 
-    tolerance: float = 1e-4
+    tolerance: float = 1e-3
 
     def solve(self, problem: Problem, start: Float[ndarray, "63"], max_steps: int) -> Solution:
         """The best pose found from a start."""

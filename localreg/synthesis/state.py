@@ -8,6 +8,7 @@ from numpy import ndarray
 
 from localreg.body.chain import difference, integrate
 from localreg.body.skeleton import DOF_COUNT, QPOS_SIZE, TANGENT_SIZE
+from localreg.database.neighbours import Neighbours
 from localreg.synthesis.attention import LONG, Attention
 
 
@@ -22,6 +23,7 @@ class State(NamedTuple):
         history_valid: which of them exist.
         attention: which trackers are being heard.
         drift: how the past has lately misled; the prior's own business.
+        near: the neighbours in the database.
         lost: frames in a row that the trackers were left far from.
     """
 
@@ -32,6 +34,7 @@ class State(NamedTuple):
     history_valid: Bool[ndarray, " m"]
     attention: Attention
     drift: Any = None
+    near: Neighbours | None = None
     lost: int = 0
 
 

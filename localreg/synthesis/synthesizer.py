@@ -6,7 +6,7 @@ frame -> query -> prior (neighbours, regression) -> belief -> solver -> pose
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final, no_type_check
+from typing import Final, NamedTuple, no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -46,6 +46,18 @@ _FAR: Final = 40.0
 
 _LEAST_INFORMATION: Final = 1e-6
 """Keeps a covariance finite where nothing is observed."""
+
+
+class Residuals(NamedTuple):
+    """How far each tracker is from where it is synthesized; NaN where not measured.
+
+    Attributes:
+        distances: [m].
+        angles: [rad].
+    """
+
+    distances: Float[ndarray, " J"]
+    angles: Float[ndarray, " J"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,26 +103,31 @@ class Synthesizer(Estimator[State]):
         if not solved:
             solution = self._stay(state, observation, expectation)
         covariance = _inverse(solution.hessian)
+        residuals = _residuals(observation, solution)
         after = remember(state, solution.qpos)._replace(
             covariance=covariance,
             attention=attention,
             drift=self.prior.conclude(expectation, solution.qpos, covariance),
-            lost=state.lost + 1 if self._is_far(observation, solution) else 0,
+            near=expectation.near,
+            lost=state.lost + 1 if self._is_far(residuals) else 0,
         )
         result = Result.SOLVED if solved else Result.FAILED
         if after.lost >= LOST_AFTER:
             after = after._replace(lost=0)
             blank = self._blank()._replace(qpos=after.qpos)
             found, sought = self._acquire(blank, observation)
-            if sought.ok and not self._is_far(observation, sought):
-                after, solution, result = found, sought, Result.REACQUIRED
-        return after, self._pose(frame.time, after, observation, solution, expectation, result)
+            beside = _residuals(observation, sought)
+            if sought.ok and not self._is_far(beside):
+                after, solution, residuals, result = found, sought, beside, Result.REACQUIRED
+        return after, self._pose(
+            frame.time, after, observation, solution, residuals, expectation, result
+        )
 
     @cached_property
     def _layout(self) -> FeatureLayout:
         return FeatureLayout.of(self.subject)
 
-    @property
+    @cached_property
     def _control(self) -> Control:
         settings = self.settings
         return Control(settings.sigma_position, settings.sigma_orientation, settings.lorentzian)
@@ -136,6 +153,7 @@ class Synthesizer(Estimator[State]):
             history_valid=np.asarray(state.history_valid),
             features=layout.extract(heard.positions, heard.quaternions),
             feature_trust=trust,
+            near=state.near,
         )
         return query, attention
 
@@ -190,15 +208,9 @@ class Synthesizer(Estimator[State]):
         found = state_at(best.qpos, self.settings.history, len(self.subject.trackers))
         return found._replace(covariance=_inverse(best.hessian)), best
 
-    def _is_far(self, observation: Observation, solution: Solution) -> bool:
+    def _is_far(self, residuals: Residuals) -> bool:
         """Whether most trackers are far from where they are synthesized."""
-        distances, angles = _residuals(observation, solution)
-        control = self._control
-        squared = np.concatenate(
-            [distances / control.sigma_position, angles / control.sigma_orientation]
-        )
-        squared = np.sort(np.square(squared[np.isfinite(squared)]))
-        return bool(len(squared) and squared[len(squared) // 2] > _FAR)
+        return bool(_median_square(residuals, self._control) > _FAR)
 
     def _pose(
         self,
@@ -206,16 +218,16 @@ class Synthesizer(Estimator[State]):
         state: State,
         observation: Observation,
         solution: Solution,
+        residuals: Residuals,
         expectation: Expectation,
         result: Result,
     ) -> Pose:
-        distances, angles = _residuals(observation, solution)
         measured = np.concatenate([observation.position_mask, observation.orientation_mask])
         return Pose(
             time=time,
             qpos=solution.qpos,
-            position_residuals=distances,
-            orientation_residuals=angles,
+            position_residuals=residuals.distances,
+            orientation_residuals=residuals.angles,
             confidence=expectation.confidence * float(np.mean(measured)),
             predicted_sigma=expectation.caution
             * np.sqrt(np.diagonal(np.asarray(state.covariance))[6:]),
@@ -224,25 +236,42 @@ class Synthesizer(Estimator[State]):
         )
 
 
-def _residuals(
-    observation: Observation, solution: Solution
-) -> tuple[Float[ndarray, " J"], Float[ndarray, " J"]]:
-    """Distances [m] and angles [rad] to the trackers; NaN where not measured."""
-    return (
-        _lengths(solution.position_errors, observation.position_mask),
-        _lengths(solution.orientation_errors, observation.orientation_mask),
-    )
+def _residuals(observation: Observation, solution: Solution) -> Residuals:
+    return Residuals(
+        *_lengths(
+            solution.position_errors, observation.position_mask,
+            solution.orientation_errors, observation.orientation_mask,
+        )
+    )  # fmt: skip
 
 
 @njit(cache=True)
 @no_type_check
-def _lengths(errors, measured):
+def _lengths(positions, seen, orientations, facing):
     """Lengths of some errors; NaN where not measured."""
-    out = np.full(len(errors), np.nan)
-    for j in range(len(errors)):
-        if measured[j]:
-            out[j] = np.sqrt(np.sum(np.square(errors[j])))
-    return out
+    distances, angles = np.full(len(seen), np.nan), np.full(len(seen), np.nan)
+    for j in range(len(seen)):
+        if seen[j]:
+            distances[j] = np.sqrt(np.sum(np.square(positions[j])))
+        if facing[j]:
+            angles[j] = np.sqrt(np.sum(np.square(orientations[j])))
+    return distances, angles
+
+
+@njit(cache=True)
+@no_type_check
+def _median_square(residuals, control):
+    """The upper median of residuals' squares in units of their sigmas; 0 if there are none."""
+    squares, count = np.empty(2 * len(residuals.distances)), 0
+    for distance in residuals.distances:
+        if np.isfinite(distance):
+            squares[count] = (distance / control.sigma_position) ** 2
+            count += 1
+    for angle in residuals.angles:
+        if np.isfinite(angle):
+            squares[count] = (angle / control.sigma_orientation) ** 2
+            count += 1
+    return np.sort(squares[:count])[count // 2] if count else 0.0
 
 
 @njit(cache=True)

@@ -24,12 +24,17 @@ from localreg.synthesis.term_belief import belief_of_terms
 
 
 class Question(NamedTuple):
-    """The JAX side of `localreg.database.neighbours.Query`: same fields, same shapes."""
+    """What of a `localreg.database.neighbours.Query` terms may know, same names and shapes."""
 
     history: Float[Array, "m 56"]
     history_valid: Bool[Array, " m"]
     features: Float[Array, " f"]
     feature_trust: Float[Array, " f"]
+
+    @classmethod
+    def of(cls, query: Query) -> "Question":
+        """The question of a query."""
+        return cls(*host_arrays(*(getattr(query, name) for name in cls._fields)))
 
 
 class Prediction(NamedTuple):
@@ -83,16 +88,15 @@ class FromTerms(Prior):
     def expect(self, query: Query, state: State) -> Expectation:
         """The terms' sum as one belief."""
         examples = self._examples(query)
-        prediction = _predict(
-            self.prior, examples, Question(*host_arrays(*query)), state._replace(lost=0, drift=None)
-        )
+        plain = state._replace(lost=0, drift=None, near=None)
+        prediction = _predict(self.prior, examples, Question.of(query), plain)
         belief = belief_of_terms(np.asarray(prediction.qpos), prediction.terms)
         return Expectation(belief, confidence=float("nan") if self.source is None else 1.0)
 
     def acquire(self, query: Query) -> Acquisition:
         """The candidates, on the host."""
         examples = self._examples(query)
-        found = _acquire(self.prior, examples, Question(*host_arrays(*query)))
+        found = _acquire(self.prior, examples, Question.of(query))
         whitening = np.asarray(found.gaussian.whitening)
         return Acquisition(
             np.asarray(found.starts), np.asarray(found.gaussian.mean), whitening.T @ whitening

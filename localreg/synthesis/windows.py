@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from localreg.body.skeleton import DOF_COUNT
 from localreg.database.store import PoseDatabase
-from localreg.synthesis.local_fit import LocalFit, within_reach
+from localreg.synthesis.local_fit import LocalFit, Normal, predict, within_reach
 
 Raw = Callable[[Int[ndarray, " rows"]], Float32[ndarray, "rows n"]]
 
@@ -82,6 +82,21 @@ class Inputs:
         X = self.of(rows, trust)
         x = within_reach(X, weights, self.reduce(raw, trust))
         return LocalFit(X, outputs, weights, x, ridge)
+
+    def predict(
+        self,
+        rows: Int[ndarray, " K"],
+        weights: Float[ndarray, " K"],
+        raw: Float[ndarray, " n"],
+        trust: Float[ndarray, " n"],
+        outputs: Float32[ndarray, "K d"],
+        ridge: float,
+        share: Float[ndarray, " d"],
+        growth: Float[ndarray, "d d"],
+    ) -> Normal:
+        """What that regression says, as far as it is believed; see `local_fit.predict`."""
+        X = self.of(rows, trust)
+        return predict(X, outputs, weights, self.reduce(raw, trust), ridge, share, growth)
 
     def worked_out(self, targets: Bool[ndarray, " N"]) -> "Inputs":
         """The same with the inputs of all targets reduced beforehand."""

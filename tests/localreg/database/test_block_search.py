@@ -10,7 +10,7 @@ from localreg.database import PoseDatabase, block_index
 from localreg.database.block_index import BlockIndex, build_index
 from localreg.database.block_kernels import BLOCK, nth_smallest
 from localreg.database.block_search import BlockSearch
-from localreg.database.neighbours import Metric, Query
+from localreg.database.neighbours import Metric, Neighbours, Query
 from tests.localreg.database.made_motion import make_motion
 from tests.localreg.database.plain_search import PlainSearch
 
@@ -76,8 +76,9 @@ def test_bounds_hold_all_windows(index, database, features, targets) -> None:
         rows = blocks.first[held] + k
         past = database.angles[rows[:, None] - np.array([3, 2, 1])].reshape(len(rows), -1)
         windows = np.hstack([past, features[rows]]) * scale - index.mean
-        points = windows @ index.basis
-        beside = np.linalg.norm(windows - points @ index.basis.T, axis=1)
+        basis = index.basis[:, : blocks.center.shape[1]]
+        points = windows @ basis
+        beside = np.linalg.norm(windows - points @ basis.T, axis=1)
         assert np.all(beside >= blocks.beside[held, 0] - 1e-4)
         assert np.all(beside <= blocks.beside[held, 1] + 1e-4)
         apart = np.linalg.norm(points - blocks.center[held], axis=1)
@@ -88,6 +89,20 @@ def test_bounds_hold_all_windows(index, database, features, targets) -> None:
         middle = blocks.cluster_center[cluster[held]]
         apart = np.linalg.norm(points - middle, axis=1)
         assert np.all(apart <= blocks.cluster_radius[cluster[held]] + 1e-4)
+
+
+def test_sketches_say_how_far_off_they_are(index, database, features, targets) -> None:
+    rows = np.flatnonzero(targets)
+    scale = np.concatenate([np.repeat(METRIC.history[::-1], 56), METRIC.features])
+    past = database.angles[rows[:, None] - np.array([3, 2, 1])].reshape(len(rows), -1)
+    windows = np.hstack([past, features[rows]]) * scale - index.mean
+    points = windows @ index.basis
+    drawn = index.sketches.digits[rows] * index.sketches.unit
+    off, beside = index.sketches.off[rows].T
+    np.testing.assert_allclose(np.linalg.norm(points - drawn, axis=1), off, atol=1e-4)
+    rest = np.linalg.norm(windows - points @ index.basis.T, axis=1)
+    np.testing.assert_allclose(beside, rest, atol=1e-4)
+    assert np.median(off) < 0.02 * np.median(np.linalg.norm(points, axis=1))
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -113,8 +128,10 @@ def test_neighbours_are_those_of_a_plain_scan(
     search = BlockSearch(index, database.angles, features, allowed, METRIC)
     assert search.is_exact
     plain = PlainSearch(database.angles, features, allowed, METRIC)
-    for _ in range(2):  # the second time with a guess from the first
-        rows, squared = search.search(query, count)
+    near = None
+    for factor in (1.0, 0.1, 10.0):  # then with a guess, good or bad
+        rows, squared = search.search(query._replace(near=near), count)
+        near = Neighbours(rows, factor * squared)
         expected = plain.search(query, count)
         np.testing.assert_allclose(squared, expected.squared_distances, rtol=CLOSE, atol=CLOSE)
         found = rows[np.isfinite(squared)]
@@ -163,6 +180,26 @@ def test_the_likeliest_clusters_hold_most_neighbours(database, features, targets
         recalls.append(np.mean(shares))
     assert recalls[0] <= recalls[1] <= recalls[2] == 1.0
     assert recalls[1] > 0.9
+
+
+def test_what_follows_the_last_neighbours_is_looked_at(database, features, targets) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(block_index, "_CLUSTERED", 100)
+        index = build_index(database.angles, features, targets, METRIC)
+    exact = BlockSearch(index, database.angles, features, targets, METRIC)
+    few = BlockSearch(index, database.angles, features, targets, METRIC, probes=2)
+    shares = []
+    for row in np.flatnonzero(targets & np.roll(targets, -1))[::41]:
+        before = exact.search(query_at(database, features, row, 2), 30)
+        query = query_at(database, features, row + 1, 2)
+        true = exact.search(query, 30)
+        alone, led = few.search(query, 30), few.search(query._replace(near=before), 30)
+        assert len(set(led.rows.tolist())) == 30
+        assert np.all(targets[led.rows])
+        assert np.all(led.squared_distances <= alone.squared_distances + CLOSE)
+        shares.append([np.isin(true.rows, found.rows).mean() for found in (alone, led)])
+    assert np.mean(shares, axis=0)[1] > np.mean(shares, axis=0)[0]
+    assert np.mean(shares, axis=0)[1] > 0.9
 
 
 def test_where_little_is_allowed_all_clusters_are_looked_into(database, features, targets) -> None:
