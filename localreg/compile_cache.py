@@ -29,26 +29,39 @@ def keep_compiled_code(folder: Path | None = None) -> None:
     Call it before either is imported. Folders that the user has named (`NUMBA_CACHE_DIR`,
     `JAX_COMPILATION_CACHE_DIR`) stay in force, and `JAX_ENABLE_COMPILATION_CACHE=0` forbids
     JAX's. Code is made for one kind of processor, so every kind has a folder of its own: a
-    home directory may be shared by machines. Numba looks for changes only in the file that a
-    function stands in, not in those of what it calls, so its folder is named by all of them.
-    A folder that cannot be used costs the time, nothing else.
+    home directory may be shared by machines. A folder that cannot be used costs the time,
+    nothing else.
 
     Args:
         folder: where; by default in the user's cache directory.
     """
+    keep_numba_code(folder)
+    place = _of_this_processor(folder)
+    if _JAX not in os.environ and _is_usable(place):
+        os.environ[_JAX] = str(place)
+        os.environ.setdefault(*_WORTH_KEEPING)
+
+
+def keep_numba_code(folder: Path | None = None) -> None:
+    """The same for numba alone.
+
+    Numba looks for changes only in the file that a function stands in, not in those of what
+    it calls, so its folder is named by all of them.
+    """
+    if _NUMBA in os.environ:
+        return
+    place = _of_this_processor(folder) / f"numba-{_sources()}"
+    if _is_usable(place):
+        os.environ[_NUMBA] = str(place)
+        _forget_others(place)
+
+
+def _of_this_processor(folder: Path | None) -> Path:
     if folder is None:
         from platformdirs import user_cache_path
 
         folder = user_cache_path("localreg") / "compiled"
-    folder = folder / _processor()
-    if _JAX not in os.environ and _is_usable(folder):
-        os.environ[_JAX] = str(folder)
-        os.environ.setdefault(*_WORTH_KEEPING)
-    if _NUMBA not in os.environ:
-        place = folder / f"numba-{_sources()}"
-        if _is_usable(place):
-            os.environ[_NUMBA] = str(place)
-            _forget_others(place)
+    return folder / _processor()
 
 
 def _is_usable(folder: Path) -> bool:

@@ -7,6 +7,10 @@ from pathlib import Path
 import jax
 import pytest
 
+from localreg.compile_cache import keep_numba_code
+
+# Programs that tests start share with them what is compiled.
+keep_numba_code()
 jax.config.update("jax_enable_x64", True)
 # Tests on several processes are told the width of a terminal that they do not have.
 os.environ.pop("COLUMNS", None)
