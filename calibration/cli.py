@@ -67,6 +67,14 @@ Recording = Annotated[
     Path | None,
     typer.Option(metavar="FILE", help="A recording (.mcap) of motion.", show_default=False),
 ]
+Truth = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="SUBJECT",
+        help="Who the simulated person really is, if not as the subject file says.",
+        show_default=False,
+    ),
+]
 Seconds = Annotated[float, typer.Option(min=2.0, help="How much motion to look at [s].")]
 Database = Annotated[
     Path | None,
@@ -191,6 +199,7 @@ def check(
     seconds: Seconds = 20.0,
     database: Database = None,
     seed: Seed = 0,
+    truth: Truth = None,
 ) -> None:
     """Say whether a tracker has slipped since the calibration, from ordinary motion.
 
@@ -198,7 +207,9 @@ def check(
     """
     from calibration import motion_command
 
-    options = motion_command.MotionOptions(config, recording, simulate, seconds, database, seed)
+    options = motion_command.MotionOptions(
+        config, recording, simulate, seconds, database, seed, truth
+    )
     motion_command.check(subject, options)
 
 
@@ -209,12 +220,21 @@ def refine(
     config: Config = None,
     recording: Recording = None,
     simulate: Simulate = None,
-    seconds: Seconds = 20.0,
+    seconds: Seconds = 60.0,
     database: Database = None,
     seed: Seed = 0,
+    truth: Truth = None,
 ) -> None:
-    """Improve where the trackers sit from ordinary motion; lengths stay as they are."""
+    """Improve lengths and where the trackers sit from a minute of ordinary motion.
+
+    Walk about, turn, sit down, reach for things, whatever the poses of the database are like.
+    What the eight poses have found (SUBJECT and the file SUBJECT.known.json beside it) is
+    weighed against what motion shows; the better subject knows how good it is, and may be
+    refined again. Motion unlike any in the database changes little.
+    """
     from calibration import motion_command
 
-    options = motion_command.MotionOptions(config, recording, simulate, seconds, database, seed)
+    options = motion_command.MotionOptions(
+        config, recording, simulate, seconds, database, seed, truth
+    )
     motion_command.refine(subject, out, options)

@@ -1,7 +1,7 @@
 """What `localreg calibrate check` and `refine` do."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -11,10 +11,17 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from calibration.motion_mounts import MountCheck, apart, check_mounts, refine_mounts
+from calibration.anthropometry import length_of
+from calibration.eigen_skeleton import lengths_of, published_prior
+from calibration.knowledge import Knowledge, known_file, read_knowledge, write_knowledge
+from calibration.motion_mounts import MountCheck, apart, check_mounts, with_readings
+from calibration.refinement import BuildEstimator, Stretch
+from calibration.refinement import refine as refine_subject
+from calibration.result import QUANTILE_90, REPORTED, relative_deviation
 from calibration.setup import configured, recorded
 from localreg.body.subject import Subject, read_subject, write_subject
 from localreg.commands.console import notes, output, progress_bar
+from localreg.database.store import PoseDatabase
 from localreg.errors import LocalregError
 from localreg.evaluation.trackers import simulate_trackers
 from localreg.live.database_choice import choose_database
@@ -38,6 +45,7 @@ class MotionOptions:
     seconds: float
     database: Path | None
     seed: int
+    truth: Path | None = None
 
 
 def check(file: Path, options: MotionOptions) -> None:
@@ -47,11 +55,12 @@ def check(file: Path, options: MotionOptions) -> None:
         LocalregError: no motion, or a file that cannot be read.
         typer.Exit: with code 1 if a tracker has slipped.
     """
-    subject, build, frames = _prepare(file, options)
+    watched = _watch(file, options)
+    longest = watched.longest
     with progress_bar("checking") as bar:
-        checks = check_mounts(subject, build, frames, bar)
+        checks = check_mounts(watched.subject, watched.builder(longest), longest.frames, bar)
     shown = output()
-    shown.print(_table(checks, f"{file} against {len(frames)} frames of motion"))
+    shown.print(_table(checks, f"{file} against {len(longest.frames)} frames of motion"))
     slipped = [check for check in checks if check.has_slipped]
     for check in slipped:
         shown.print(
@@ -66,32 +75,101 @@ def check(file: Path, options: MotionOptions) -> None:
 
 
 def refine(file: Path, out: Path, options: MotionOptions) -> None:
-    """Write a subject with better mounts.
+    """Write a subject with better lengths and mounts.
 
     Raises:
         LocalregError: no motion, or a file that cannot be read or written.
     """
-    subject, build, frames = _prepare(file, options)
+    watched = _watch(file, options)
+    subject, longest = watched.subject, watched.longest
+    known = read_knowledge(subject, known_file(file))
+    if known is None:
+        known = Knowledge.of_record(subject, published_prior())
+        notes().print(
+            f"no {known_file(file).name} beside it says how lengths and mounts are known together; "
+            "going by the deviations on record"
+        )
+    with progress_bar("checking") as bar:
+        checks = check_mounts(subject, watched.builder(longest), longest.frames, bar)
+    slipped = [check.tracker for check in checks if check.has_slipped]
+    begun = with_readings(subject, watched.builder(longest), longest.frames, slipped)
     with progress_bar("refining") as bar:
-        better = refine_mounts(subject, build, frames, progress=bar)
+        found = refine_subject(
+            begun,
+            known.without_mounts(set(slipped)),
+            watched.stretches,
+            watched.build,
+            watched.database,
+            ignored=slipped,
+            progress=bar,
+        )
+    better = found.subject
     assert better.calibration is not None  # noqa: S101  (refining always records)
     now = datetime.now(UTC).isoformat(timespec="seconds")
-    better = replace(better, calibration=replace(better.calibration, date=now))
+    notes_kept = better.calibration.notes + tuple(f"tracker {n} had slipped" for n in slipped)
+    better = replace(better, calibration=replace(better.calibration, date=now, notes=notes_kept))
     write_subject(better, out)
-    table = Table(title="mounts moved", title_justify="left")
-    for name in ("", "by [mm]", "by [deg]"):
-        table.add_column(name, justify="left" if not name else "right")
-    for old, new in zip(subject.mounts, better.mounts, strict=True):
-        distance, turn = apart(old, new)
-        table.add_row(new.tracker, f"{1e3 * distance:.0f}", f"{np.degrees(turn):.1f}")
+    write_knowledge(found.knowledge, better, known_file(out))
     shown = output()
-    shown.print(table)
+    shown.print(_lengths_table(subject, known, better, found.knowledge))
+    shown.print(_mounts_table(subject, known, better, found.knowledge))
     shown.print(f"subject: {out}", soft_wrap=True)
 
 
-def _prepare(
-    file: Path, options: MotionOptions
-) -> tuple[Subject, Callable[[Subject], AnyEstimator], list[TrackerFrame]]:
+def _lengths_table(old: Subject, known: Knowledge, new: Subject, better: Knowledge) -> Table:
+    table = Table(title="lengths [cm], 90 % within", title_justify="left")
+    for name in ("", "before", "", "now", ""):
+        table.add_column(name, justify="right" if name else "left")
+    for name, parts in REPORTED.items():
+        row = [name]
+        for subject, knowledge in ((old, known), (new, better)):
+            groups = lengths_of(subject)
+            value = 100.0 * length_of(parts, groups)
+            half = QUANTILE_90 * relative_deviation(parts, groups, knowledge.log_lengths)
+            row += [f"{value:.1f}", f"{value * half:.1f}"]
+        table.add_row(*row)
+    return table
+
+
+def _mounts_table(old: Subject, known: Knowledge, new: Subject, better: Knowledge) -> Table:
+    table = Table(title="mounts", title_justify="left")
+    for name in ("", "moved by [mm]", "[deg]", "90 % within [mm]", "before", "[deg]", "before"):
+        table.add_column(name, justify="right" if name else "left")
+    for j, (mount, moved) in enumerate(zip(old.mounts, new.mounts, strict=True)):
+        distance, turn = apart(mount, moved)
+        places = (better.position_sd[j], known.position_sd[j])
+        turns = (better.turn_sd[j], known.turn_sd[j])
+        table.add_row(
+            mount.tracker,
+            f"{1e3 * distance:.0f}",
+            f"{np.degrees(turn):.1f}",
+            *(f"{1e3 * QUANTILE_90 * sd.max():.0f}" for sd in places),
+            *(f"{np.degrees(QUANTILE_90 * sd.max()):.1f}" for sd in turns),
+        )
+    return table
+
+
+@dataclass(frozen=True, eq=False)
+class _Watched:
+    """A subject and what was seen of it."""
+
+    subject: Subject
+    database: PoseDatabase
+    stretches: list[Stretch]
+
+    @property
+    def longest(self) -> Stretch:
+        return max(self.stretches, key=lambda stretch: len(stretch.frames))
+
+    def build(self, person: Subject) -> AnyEstimator:
+        return build_estimator("localreg", person, self.database)
+
+    def builder(self, stretch: Stretch) -> BuildEstimator:
+        """Makes estimators that see the poses allowed for a stretch."""
+        return lambda person: build_estimator("localreg", person, self.database, stretch.allowed)
+
+
+def _watch(file: Path, options: MotionOptions) -> _Watched:
     given = [options.config, options.recording, options.simulate]
     if sum(choice is not None for choice in given) != 1:
         raise LocalregError("give one of --config NAME|FILE, --recording FILE or --simulate MOTION")
@@ -101,24 +179,28 @@ def _prepare(
             f"{file} wears {len(subject.mounts)} trackers; four at least are needed to judge one "
             "by the others"
         )
-    console = notes()
-    chosen = choose_database(options.database, console.print)
-    allowed = None
+    if options.truth is not None and options.simulate is None:
+        raise LocalregError("--truth says who is simulated; give it together with --simulate")
+    database = choose_database(options.database, notes().print).poses
     if options.simulate is not None:
-        motion = read_sources([options.simulate])[0][0].resampled(chosen.poses.rate)
-        # Who performs is the person of the file: simulated trackers sit where it says.
-        motion = replace(motion, subject=subject)
-        motion = motion.first(round(options.seconds * motion.rate))
-        frames = list(simulate_trackers(motion, seed=options.seed))
-        allowed = chosen.poses.exclude_motion(motion)
-    else:
-        with _frames_of(options, subject) as (stream, order):
-            frames = _collected(stream, order, options)
+        person = subject if options.truth is None else read_subject(options.truth)
+        return _Watched(subject, database, _simulated(options, person, database))
+    with _frames_of(options, subject) as (stream, order):
+        return _Watched(subject, database, [Stretch(_collected(stream, order, options))])
 
-    def build(person: Subject) -> AnyEstimator:
-        return build_estimator("localreg", person, chosen.poses, allowed)
 
-    return subject, build, frames
+def _simulated(options: MotionOptions, person: Subject, database: PoseDatabase) -> list[Stretch]:
+    """Motions one after another, as a person would perform them, until it is enough."""
+    stretches, left = [], options.seconds
+    for number, source in enumerate(read_sources([str(options.simulate)])[0]):
+        motion = replace(source.resampled(database.rate), subject=person)
+        motion = motion.first(max(round(left * motion.rate), 1))
+        frames = list(simulate_trackers(motion, seed=options.seed + number))
+        stretches.append(Stretch(frames, database.exclude_motion(source)))
+        left -= len(motion) / motion.rate
+        if left <= 0.0:
+            break
+    return stretches
 
 
 @contextmanager

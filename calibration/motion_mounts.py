@@ -16,7 +16,8 @@ from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
 from calibration.fit import robust_mean
-from localreg.body.subject import CalibrationRecord, Mount, Subject
+from calibration.refinement import BuildEstimator, Progress, without
+from localreg.body.subject import Mount, Subject
 from localreg.errors import LocalregError
 from localreg.evaluation.body_points import BodyPoints
 from localreg.synthesis.estimator import AnyEstimator
@@ -29,13 +30,7 @@ HEAD_HABIT: Final = (0.025, float(np.radians(10.0)))
 _SETTLING: Final = 10
 _BLOCKS: Final = 5
 _LEAST_FRAMES: Final = 80
-_UNKNOWN: Final = (0.04, float(np.radians(20.0)))
-"""How far off a mount may be of which the file says nothing [m], [rad]."""
-
 _SLIPPED: Final = 3.0
-
-Progress = Callable[[int, int, str], None]
-BuildEstimator = Callable[[Subject], AnyEstimator]
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,10 +116,10 @@ def read_mount(
     hidden = np.isin(names, [tracker, *ignored])
     carrier = replace(subject.mounts[j], position=(0.0, 0.0, 0.0), quaternion=(1.0, 0.0, 0.0, 0.0))
     body = BodyPoints(replace(subject, mounts=(carrier,)))
-    state = estimator.init(_without(frames[0], hidden))
+    state = estimator.init(without(frames[0], hidden))
     qpos, seen = [], []
     for index, frame in enumerate(frames):
-        state, pose = estimator.step(state, _without(frame, hidden))
+        state, pose = estimator.step(state, without(frame, hidden))
         if index >= _SETTLING and frame.position_mask[j] and frame.orientation_mask[j]:
             qpos.append(np.asarray(pose.qpos))
             seen.append(index)
@@ -156,13 +151,6 @@ def _averaged(
     position_sd = float(np.hypot(habit[0], by_block.std(axis=0).mean() / np.sqrt(_BLOCKS)))
     turn_sd = float(np.hypot(habit[1], turned.std(axis=0).mean() / np.sqrt(_BLOCKS)))
     return Reading(tracker, position, turn, position_sd, turn_sd)
-
-
-def _without(frame: TrackerFrame, hidden: ndarray) -> TrackerFrame:
-    return frame._replace(
-        position_mask=frame.position_mask & ~hidden,
-        orientation_mask=frame.orientation_mask & ~hidden,
-    )
 
 
 def check_mounts(
@@ -206,92 +194,42 @@ def check_mounts(
 def _checked(reading: Reading, subject: Subject) -> MountCheck:
     mount = next(m for m in subject.mounts if m.tracker == reading.tracker)
     distance, turn = reading.away(mount)
-    position_sd, turn_sd = known_deviations(subject, reading.tracker, otherwise=(0.0, 0.0))
+    position_sd, turn_sd = _known_deviations(subject, reading.tracker)
     # A length of three axes: root three times one axis' deviation.
     far = distance / (np.sqrt(3.0) * np.hypot(reading.position_sd, position_sd))
     askew = turn / (np.sqrt(3.0) * np.hypot(reading.turn_sd, turn_sd))
     return MountCheck(reading.tracker, distance, turn, float(np.sqrt(3.0) * max(far, askew)))
 
 
-def known_deviations(
-    subject: Subject, tracker: str, otherwise: tuple[float, float] = _UNKNOWN
-) -> tuple[float, float]:
+def _known_deviations(subject: Subject, tracker: str) -> tuple[float, float]:
     """What a subject's file says of a mount: deviation of position [m] and turn [rad]."""
     record = subject.calibration
     if record is None or tracker not in record.position_sd:
-        return otherwise
+        return 0.0, 0.0
     position = float(np.sqrt(np.mean(np.square(record.position_sd[tracker]))))
     turn = float(np.sqrt(np.mean(np.square(record.orientation_sd[tracker]))))
     return position, turn
 
 
-def refine_mounts(
+def with_readings(
     subject: Subject,
     build: BuildEstimator,
     frames: Sequence[TrackerFrame],
-    *,
-    rounds: int = 2,
-    progress: Progress | None = None,
+    slipped: Sequence[str],
 ) -> Subject:
-    """Mounts from the file and from motion, each weighed by how well it knows.
-
-    Args:
-        subject: as calibrated, or guessed.
-        build: makes an estimator for a subject.
-        frames: motion at the estimator's rate.
-        rounds: how often all mounts are read; better mounts make better readings.
-        progress: told how many readings are done, of how many, and of which tracker.
-
-    Returns:
-        The subject with better mounts and their deviations on record.
+    """The subject with the mounts of slipped trackers as motion reads them.
 
     Raises:
         LocalregError: too little motion.
     """
-    slipped = {check.tracker for check in check_mounts(subject, build, frames) if check.has_slipped}
-    best = subject
-    position_sd: dict[str, tuple[float, float, float]] = {}
-    orientation_sd: dict[str, tuple[float, float, float]] = {}
-    for number in range(rounds):
-        estimator = build(best)
-        mounts = []
-        for j, mount in enumerate(subject.mounts):
-            if progress is not None:
-                done = number * len(subject.mounts) + j
-                progress(done, rounds * len(subject.mounts), mount.tracker)
-            ignored = slipped - {mount.tracker} if number == 0 else set()
-            reading = read_mount(estimator, frames, mount.tracker, sorted(ignored))
-            before = known_deviations(subject, mount.tracker)
-            if mount.tracker in slipped:  # what the file knew is of another place
-                before = _UNKNOWN
-            better, deviations = _combined(mount, before, reading)
-            mounts.append(better)
-            p, r = deviations
-            position_sd[mount.tracker] = (p, p, p)
-            orientation_sd[mount.tracker] = (r, r, r)
-        best = replace(subject, mounts=tuple(mounts))
-    old = subject.calibration or CalibrationRecord(date="")
-    notes = (*old.notes, *(f"tracker {name} had slipped" for name in sorted(slipped)))
-    record = replace(
-        old,
-        method=f"{old.method or 'unknown'}, mounts refined by motion",
-        position_sd=position_sd,
-        orientation_sd=orientation_sd,
-        notes=notes,
-    )
-    return replace(best, calibration=record)
-
-
-def _combined(
-    mount: Mount, before: tuple[float, float], reading: Reading
-) -> tuple[Mount, tuple[float, float]]:
-    """The file's mount moved towards the reading by its share of what is known."""
-    gain_p = before[0] ** 2 / (before[0] ** 2 + reading.position_sd**2)
-    gain_r = before[1] ** 2 / (before[1] ** 2 + reading.turn_sd**2)
-    position = (1.0 - gain_p) * np.array(mount.position) + gain_p * reading.position
-    file = Rotation.from_quat(mount.quaternion, scalar_first=True)
-    turn = file * Rotation.from_rotvec(gain_r * (file.inv() * reading.turn).as_rotvec())
-    x, y, z = (float(value) for value in position)
-    w, i, j, k = (float(value) for value in turn.as_quat(scalar_first=True))
-    deviations = before[0] * np.sqrt(1.0 - gain_p), before[1] * np.sqrt(1.0 - gain_r)
-    return replace(mount, position=(x, y, z), quaternion=(w, i, j, k)), deviations
+    if not slipped:
+        return subject
+    estimator = build(subject)
+    mounts = list(subject.mounts)
+    for name in slipped:
+        j = subject.trackers.index(name)
+        reading = read_mount(estimator, frames, name, slipped)
+        x, y, z = (float(value) for value in reading.position)
+        qw, qx, qy, qz = (float(value) for value in reading.turn.as_quat(scalar_first=True))
+        mounts[j] = replace(mounts[j], position=(x, y, z), quaternion=(qw, qx, qy, qz))
+    return replace(subject, mounts=tuple(mounts))

@@ -22,6 +22,7 @@ from calibration.anthropometry import (
 )
 from calibration.eigen_skeleton import SkeletonPrior, bone_lengths, subject_of
 from calibration.fit import Fit, Session, log_length_covariance
+from calibration.knowledge import Knowledge, derivatives
 from calibration.model import TURN_UNIT
 from calibration.solver import information_of, pose_information
 from localreg.body.skeleton import BONE_NAMES
@@ -105,6 +106,7 @@ class Calibration:
         pose_sigma: estimated error of a joint about each axis [rad].
         chi_square: of the fit, per degree of freedom.
         next_pose: the pose whose repetition would help most.
+        knowledge: of lengths and mounts together.
     """
 
     subject: Subject
@@ -115,6 +117,7 @@ class Calibration:
     pose_sigma: float
     chi_square: float
     next_pose: str
+    knowledge: Knowledge
 
 
 def summarize(
@@ -185,8 +188,17 @@ def summarize(
     subject = replace(subject_of(name, groups), mounts=worn, calibration=record)
     return Calibration(
         subject, lengths, mounts, covariance, groups, found.pose_sigma, chi_square,
-        next_pose(found, session),
+        next_pose(found, session), knowledge_of(found, session),
     )  # fmt: skip
+
+
+def knowledge_of(found: Fit, session: Session) -> Knowledge:
+    """What a fit knows of lengths and mounts together."""
+    model, beliefs, start = found.problem.model, found.problem.beliefs, found.problem.start
+    shared = found.x[: model.shared_size]
+    own = model.shared_size - 6
+    by_unknowns = derivatives(model, shared, beliefs, start)
+    return Knowledge.of_shared(session.names, found.posterior.shared[:own, :own], by_unknowns)
 
 
 def nine_lengths(groups: Float[ndarray, "18"]) -> Float[ndarray, "9"]:

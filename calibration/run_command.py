@@ -22,6 +22,7 @@ from calibration.eigen_skeleton import (
     published_prior,
     subject_of,
 )
+from calibration.knowledge import known_file, write_knowledge
 from calibration.live import Hooks, lead, make_judge
 from calibration.observability import expected_deviations, information
 from calibration.pictures import draw_poses
@@ -193,12 +194,17 @@ def _report(outcome: Outcome, truth: dict[str, float] | None, options: RunOption
             "there is no result; mend what is said above and begin again, with --fresh"
         )
     write_subject(result.subject, options.out)
+    write_knowledge(result.knowledge, result.subject, known_file(options.out))
     shown = output()
     shown.print(lengths_table(result, truth))
     shown.print(mounts_table(result))
     for line in summary_lines(result):
         shown.print(line, soft_wrap=True)
     shown.print(f"subject: {options.out}", soft_wrap=True)
+    shown.print(
+        f"a minute of ordinary motion makes it better: localreg calibrate refine {options.out}",
+        soft_wrap=True,
+    )
     if outcome.repeat:
         names = ", ".join(outcome.repeat)
         shown.print(

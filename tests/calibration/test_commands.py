@@ -8,11 +8,14 @@ import select
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from calibration.knowledge import UNKNOWN_MOUNT, known_file, read_knowledge
 from localreg.body.subject import canonical_subject, read_subject, write_subject
 from localreg.cli import app
 
@@ -163,6 +166,36 @@ def test_poses_are_shown_and_what_they_tell(tmp_path: Path):
     assert result.exit_code == 0, result.output
     assert "eight naive poses" in result.stdout
     assert "8 heel" in result.stdout
+
+
+def test_a_subject_is_refined_by_motion(tmp_path: Path):
+    """Who wears trackers otherwise than the file says is found out by walking."""
+    truth = canonical_subject()
+    mounts = list(truth.mounts)
+    x, y, z = mounts[4].position
+    mounts[4] = replace(mounts[4], position=(x + 0.05, y, z + 0.04))
+    write_subject(replace(truth, mounts=tuple(mounts)), tmp_path / "truth.toml")
+    write_subject(truth, tmp_path / "me.toml")
+    out = tmp_path / "better.toml"
+    arguments = ["calibrate", "refine", str(tmp_path / "me.toml"), "--out", str(out),
+                 "--simulate", "sample", "--seconds", "8"]  # fmt: skip
+    result = CliRunner().invoke(app, [*arguments, "--truth", str(tmp_path / "truth.toml")])
+    assert result.exit_code == 0, result.output
+    assert "no me.known.json" in result.stderr
+    assert "90 % within" in result.stdout
+    better = read_subject(out)
+    moved = np.array([m.position for m in better.mounts])
+    true = np.array([m.position for m in mounts])
+    assert np.linalg.norm(moved[4] - true[4]) < 0.9 * np.linalg.norm([0.05, 0.04])
+    known = read_knowledge(better, known_file(out))
+    assert known is not None
+    assert np.all(known.position_sd < UNKNOWN_MOUNT[0])
+    assert np.all(np.abs(moved - true) < 3.5 * known.position_sd)
+    assert better.calibration is not None
+    assert "refined by motion" in better.calibration.method
+    result = CliRunner().invoke(app, [*arguments[:5], "--config", "is900", "--truth", str(out)])
+    assert result.exit_code == 1
+    assert "together with --simulate" in result.stderr
 
 
 def test_checks_need_motion_and_enough_trackers(tmp_path: Path):

@@ -7,13 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from calibration.motion_mounts import (
-    HABIT,
-    check_mounts,
-    known_deviations,
-    read_mount,
-    refine_mounts,
-)
+from calibration.motion_mounts import HABIT, apart, check_mounts, read_mount, with_readings
 from calibration.poses import EIGHT_POSES
 from localreg.body.skeleton import DOF_NAMES
 from localreg.body.subject import CalibrationRecord, Mount, canonical_subject
@@ -112,45 +106,26 @@ def test_two_slipped_trackers_are_both_named():
     assert [check.tracker for check in checks if check.has_slipped] == ["lhand", "rankle"]
 
 
-def test_refining_trusts_file_and_motion_as_they_deserve():
-    person = slipped(0.04, 15.0)
-    told = []
-    better = refine_mounts(
-        TRUE, Knowing, frames(person), progress=lambda done, total, what: told.append(what)
-    )
-    assert told == list(TRUE.trackers) * 2
-    # The file says nothing of its mounts, so motion counts for most.
-    old, new, true = (np.array(subject.mounts[2].position) for subject in (TRUE, better, person))
-    assert np.linalg.norm(new - true) < 0.4 * np.linalg.norm(old - true)
-    record = better.calibration
-    assert record is not None
-    assert "refined" in record.method
-    assert 0.01 < record.position_sd["lhand"][0] < HABIT[0]
-    # A file that knows its mounts well is hardly moved by motion.
-    sure = CalibrationRecord(
-        date="2026-01-01",
-        position_sd=dict.fromkeys(TRUE.trackers, (0.002, 0.002, 0.002)),
-        orientation_sd=dict.fromkeys(TRUE.trackers, (0.01, 0.01, 0.01)),
-    )
-    certain = replace(TRUE, calibration=sure)
-    kept = refine_mounts(certain, Knowing, frames(slipped(0.02, 5.0)))
-    moved = np.linalg.norm(np.array(kept.mounts[2].position) - np.array(TRUE.mounts[2].position))
-    assert moved < 0.001
-    assert known_deviations(certain, "lhand") == pytest.approx((0.002, 0.01))
-
-
-def test_a_slipped_tracker_is_put_where_it_is():
-    sure = CalibrationRecord(
-        date="2026-01-01",
-        position_sd=dict.fromkeys(TRUE.trackers, (0.002, 0.002, 0.002)),
-        orientation_sd=dict.fromkeys(TRUE.trackers, (0.01, 0.01, 0.01)),
-    )
+def test_slipped_trackers_are_read_anew_and_the_rest_left_alone():
     person = slipped(0.12, 40.0)
-    better = refine_mounts(replace(TRUE, calibration=sure), Knowing, frames(person))
-    away = np.linalg.norm(np.array(better.mounts[2].position) - np.array(person.mounts[2].position))
-    assert away < 0.05
-    assert better.calibration is not None
-    assert "lhand had slipped" in better.calibration.notes[-1]
+    begun = with_readings(TRUE, Knowing, frames(person), ["lhand"])
+    distance, turn = apart(begun.mounts[2], person.mounts[2])
+    assert distance < 0.003
+    assert turn < np.radians(1.0)
+    assert begun.mounts[:2] == TRUE.mounts[:2]
+    assert begun.mounts[3:] == TRUE.mounts[3:]
+    assert with_readings(TRUE, Knowing, [], []) is TRUE
+
+
+def test_what_the_file_knows_badly_is_no_slip():
+    vague = CalibrationRecord(
+        date="2026-01-01",
+        position_sd=dict.fromkeys(TRUE.trackers, (0.1, 0.1, 0.1)),
+        orientation_sd=dict.fromkeys(TRUE.trackers, (0.5, 0.5, 0.5)),
+    )
+    seen = frames(slipped(0.12, 40.0))
+    assert check_mounts(TRUE, Knowing, seen)[2].has_slipped
+    assert not check_mounts(replace(TRUE, calibration=vague), Knowing, seen)[2].has_slipped
 
 
 def test_too_little_motion_and_hidden_trackers_are_said():
