@@ -9,7 +9,7 @@ import threading
 from collections.abc import Callable, Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from jaxtyping import Float
@@ -20,13 +20,16 @@ from calibration.eigen_skeleton import published_prior
 from calibration.holds import Hold
 from calibration.poses import EIGHT_POSES, TargetPose
 from calibration.wizard import State, Wizard, WizardSettings
-from localreg.body.subject import Mount, Subject, write_subject
+from localreg.body.subject import Mount, write_subject
 from localreg.errors import LocalregError
 from localreg.view.cameras import heading
 from localreg.view.moment import Moment
 from localreg.view.panels import Desk, Panel
 from sensors import rotation
 from sensors.pose import TrackerFrame
+
+if TYPE_CHECKING:
+    from calibration.result import Calibration
 
 LEAST_TRACKERS: Final = 4
 """With fewer a person cannot be measured."""
@@ -38,8 +41,8 @@ _TITLES: Final = {
     State.DONE: "all poses are recorded",
 }
 
-Fitted = tuple[Subject | None, tuple[str, ...], tuple[str, ...]]
-"""The person, what was amiss in words, and the poses to repeat."""
+Fitted = tuple["Calibration | None", tuple[str, ...], tuple[str, ...]]
+"""What was found of the person, what was amiss in words, and the poses to repeat."""
 
 Fitting = Callable[[Sequence[Hold], tuple[Mount, ...]], Fitted]
 """Makes a person of what was recorded."""
@@ -54,8 +57,8 @@ def fit_person(holds: Sequence[Hold], mounts: tuple[Mount, ...]) -> Fitted:
     from calibration.calibrate import calibrate
 
     outcome = calibrate(holds, mounts, published_prior())
-    found = None if outcome.calibration is None else outcome.calibration.subject
-    return found, tuple(finding.text for finding in outcome.findings), outcome.repeat
+    texts = tuple(finding.text for finding in outcome.findings)
+    return outcome.calibration, texts, outcome.repeat
 
 
 class WizardPanel(Panel):
@@ -175,11 +178,12 @@ class WizardPanel(Panel):
 
     def _run_fit(self, wizard: Wizard, mounts: tuple[Mount, ...], folder: Path) -> None:
         try:
-            person, findings, repeat = self._fitting(wizard.holds, mounts)
-            if person is not None:
+            found, findings, repeat = self._fitting(wizard.holds, mounts)
+            if found is not None:
                 file = folder / f"subject-{datetime.now():%Y%m%d-%H%M%S}.toml"
                 folder.mkdir(parents=True, exist_ok=True)
-                write_subject(person, file)
+                write_subject(found.subject, file)
+                _keep_knowledge(found, file)
                 findings += (f"Written to {file.name}; begin the next run with it: --subject",)
             self.words = "\n".join(findings) or "there is no result; record the poses again"
             if repeat:
@@ -188,6 +192,12 @@ class WizardPanel(Panel):
             # An error of the disk names its file, which is nobody else's business.
             told = error.strerror if isinstance(error, OSError) else str(error)
             self.words = f"no result: {told or 'the disk does not take it'}"
+
+
+def _keep_knowledge(found: "Calibration", file: Path) -> None:
+    from calibration.knowledge import known_file, write_knowledge
+
+    write_knowledge(found.knowledge, found.subject, known_file(file))
 
 
 def frame_of(moment: Moment) -> TrackerFrame:

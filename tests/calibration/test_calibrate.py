@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from calibration.calibrate import calibrate
 from calibration.eigen_skeleton import find_skeletons, learn
 from calibration.holds import Hold
+from calibration.knowledge import known_file, read_knowledge
 from calibration.panel import WizardPanel
 from calibration.poses import EIGHT_POSES, with_swapped
 from calibration.report import findings_lines, lengths_table, mounts_table, summary_lines
@@ -288,11 +289,12 @@ def test_somebody_is_calibrated_before_the_view(tmp_path: Path):
     panel.join(PATIENCE)
     hold(panel, desk, person, before, before)
     assert "begin the next run with it" in panel.words
-    (file,) = (tmp_path / "takes").iterdir()
+    (file,) = (tmp_path / "takes").glob("*.toml")
     assert file.name in panel.words
     assert str(tmp_path) not in panel.words
     found = read_subject(file)
     assert found.trackers == worn.trackers
+    assert read_knowledge(found, known_file(file)) is not None
     truth = np.linalg.norm(worn.offsets, axis=1)
     long = truth > 0.1
     errors = np.abs(np.linalg.norm(found.offsets, axis=1)[long] / truth[long] - 1.0)
