@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 from numba import njit
 from numpy import ndarray
+from scipy.spatial.transform import Rotation
 
 from localreg.body.chain import Chain, blank_placed, place
 from localreg.body.skeleton import BONES
@@ -108,6 +109,25 @@ class FeatureLayout:
         flat = positions.reshape(-1, trackers, 3), quaternions.reshape(-1, trackers, 4)
         _write_features(self.reference, self._others, *flat, out)
         return out.reshape(*positions.shape[:-2], size)
+
+    @staticmethod
+    def seen_turned(
+        features: Float[ndarray, " f"], turn: Float[ndarray, "3"]
+    ) -> Float[ndarray, " f"]:
+        """Features as they are where the reference is taken to be turned by a rotation vector.
+
+        Args:
+            features: of one pose.
+            turn: in the reference's own axes [rad].
+        """
+        R = Rotation.from_rotvec(turn).as_matrix()
+        out = np.array(features, dtype=float)
+        for column in range(0, len(out) - 4, _PER_TRACKER):
+            block = out[column : column + _PER_TRACKER]
+            block[:3] = block[:3] @ R
+            block[3:] = (R.T @ block[3:].reshape(3, 3)).ravel()
+        out[-4:-1] = out[-4:-1] @ R
+        return out
 
     @cached_property
     def _others(self) -> Int[ndarray, " others"]:

@@ -33,7 +33,7 @@ _DOUBT: Final = 20
 _LEAST_TRUST: Final = 0.05
 """Trust in what is seen from a reference pose that has long been predicted only ..."""
 
-_TRUST_IN_PLACE: Final = 0.6
+TRUST_IN_PLACE: Final = 0.6
 """... and where it is its orientation alone that is predicted."""
 
 
@@ -102,7 +102,7 @@ def listen(
     )
     guided = bool(seen[reference] and facing[reference])
     unguided = 0 if guided else min(attention.unguided + 1, LONG)
-    least = _TRUST_IN_PLACE if seen[reference] else _LEAST_TRUST
+    least = TRUST_IN_PLACE if seen[reference] else _LEAST_TRUST
     trust = max(least, 0.5 * 0.8**unguided)
     return Heard(at, turned, seen, facing, trust), Attention(away, unguided)
 

@@ -13,17 +13,20 @@ learned, once for an estimator:
   noise of the inputs that past poses are.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy import ndarray
+from scipy.spatial.transform import Rotation
 
 from localreg.body.chain import Chain, blank_placed, place, tracker_jacobian
 from localreg.body.skeleton import DOF_COUNT, TANGENT_SIZE
+from localreg.database.features import FeatureLayout
 from localreg.database.neighbours import Neighbours, Query
 from localreg.synthesis.examples import ExampleSource
+from localreg.synthesis.halves import Measured
 from localreg.synthesis.local_fit import kernel_weights
 from localreg.synthesis.settings import Settings
 from localreg.synthesis.windows import Inputs, Steps, pose_inputs, step_inputs, steps
@@ -83,6 +86,19 @@ class Rehearsal(NamedTuple):
     pose_known: Float[ndarray, "Q 56"]
 
 
+class Past(NamedTuple):
+    """What past poses are off by.
+
+    Attributes:
+        angles: standard deviation of every joint angle [rad].
+        turn: times a standard normal vector it is the error of the reference tracker's
+            predicted orientation, in its own axes [rad]; zero where it is measured.
+    """
+
+    angles: Float[ndarray, "56"]
+    turn: Float[ndarray, "3 3"]
+
+
 @dataclass(frozen=True, eq=False)
 class Experience:
     """What has been learned, and the regressions' inputs and outputs that go with it.
@@ -101,6 +117,7 @@ class Experience:
             neighbours.
         feature_share: what each feature column adds to a squared distance on average.
         history_share: the same of each lag of the past.
+        trust: in each feature column where all is measured that was in rehearsal.
     """
 
     pose: Inputs
@@ -114,6 +131,16 @@ class Experience:
     usual: float
     feature_share: Float[ndarray, " f"]
     history_share: Float[ndarray, " m"]
+    trust: Float[ndarray, " f"]
+
+    def as_rehearsed(self, query: Query) -> Query:
+        """A query whose trust in features is relative to that of rehearsal.
+
+        What a reference tracker's predicted orientation does to them was rehearsed, too.
+        """
+        trust = np.zeros_like(self.trust)
+        np.divide(query.feature_trust, self.trust, out=trust, where=self.trust > 0.0)
+        return query._replace(feature_trust=trust)
 
     def whole_distance(
         self,
@@ -121,7 +148,7 @@ class Experience:
         history_valid: Bool[ndarray, " m"],
         feature_trust: Float[ndarray, " f"],
     ) -> float:
-        """A squared distance as if everything had been known that a query may hold."""
+        """A squared distance as if everything had been known that was in rehearsal."""
         known = self.feature_share @ np.square(feature_trust) + self.history_share @ history_valid
         whole = self.feature_share.sum() + self.history_share.sum()
         return squared_distance * whole / known if known > 0.0 else np.inf
@@ -135,31 +162,72 @@ def learn(
 ) -> Experience:
     """Rehearse on the database that a source may use."""
     database, targets = source.database, source.targets
-    transitions = steps(database, targets)
     step = step_inputs(
         database, targets, settings.history, settings.step_noise, settings.components
     )
-    angle_noise = np.full(DOF_COUNT, settings.history_noise)
+    everything = Measured(np.ones(len(feature_noise)), np.ones(6, dtype=bool), 0, turns=False)
+    found = _learn(
+        source, settings, feature_noise, chain, everything, step, steps(database, targets)
+    )
+    return replace(found, pose=found.pose.worked_out(targets), step=found.step.worked_out(targets))
+
+
+def learn_half(
+    whole: Experience, source: ExampleSource, settings: Settings, chain: Chain, measured: Measured
+) -> Experience:
+    """Rehearse once more with half of the signals.
+
+    Inputs of the pose are not reduced beforehand, so that it takes no longer with a large
+    database than with a small one.
+
+    Args:
+        whole: what was learned with both signals.
+        source: that it was learned from.
+        settings: the numbers of the method.
+        chain: the body that wears the trackers.
+        measured: what is measured.
+    """
+    feature_noise = whole.pose.noise[settings.history * DOF_COUNT :]
+    return _learn(source, settings, feature_noise, chain, measured, whole.step, whole.steps)
+
+
+def _learn(
+    source: ExampleSource,
+    settings: Settings,
+    feature_noise: Float[ndarray, " f"],
+    chain: Chain,
+    measured: Measured,
+    step: Inputs,
+    transitions: Steps,
+) -> Experience:
+    database, targets = source.database, source.targets
+    past = Past(
+        np.full(DOF_COUNT, settings.history_noise),
+        measured.turns * settings.history_noise * np.eye(3),
+    )
     rows = _spread(source, settings.rehearsals)
     share = np.ones(DOF_COUNT)
     for look in (rows[:: max(1, len(rows) // _FIRST_LOOK)], rows):
-        noise = np.concatenate([np.tile(angle_noise, settings.history), feature_noise])
+        seen = _seen_noise(feature_noise, source, look, past, measured)
+        noise = np.concatenate([np.tile(past.angles, settings.history), seen])
         pose = pose_inputs(
             database, source.features, targets, settings.history, noise, settings.components
         )
-        found = _rehearse(source, settings, look, angle_noise, pose, step, transitions, share)
+        found = _rehearse(
+            source, settings, look, feature_noise, past, measured, pose, step, transitions, share
+        )
         familiar = 1.0 / np.maximum(found.squared_distance, _NEAREST)
         share = found.pose.best_share(familiar)
         pose_errors = found.pose.errors(share)
         if look is not rows:
             spread = pose_errors.T @ pose_errors / len(pose_errors)
-            angle_noise = _heard(spread, chain, source, look, settings)
+            past = _heard(spread, chain, source, look, settings, measured)
     growth = (pose_errors * familiar[:, None]).T @ pose_errors / len(pose_errors)
     step_share = found.step.best_share(familiar)
     step_errors = found.step.errors(step_share)
     return Experience(
-        pose=pose.worked_out(targets),
-        step=step.worked_out(targets),
+        pose=pose,
+        step=step,
         steps=transitions,
         pose_share=share,
         step_share=step_share,
@@ -169,6 +237,7 @@ def learn(
         usual=float(np.quantile(found.squared_distance, 0.9)),
         feature_share=found.feature_share.mean(axis=0),
         history_share=found.history_share.mean(axis=0),
+        trust=measured.trust,
     )
 
 
@@ -199,7 +268,9 @@ def _rehearse(
     source: ExampleSource,
     settings: Settings,
     rows: Int[ndarray, " Q"],
-    angle_noise: Float[ndarray, "56"],
+    feature_noise: Float[ndarray, " f"],
+    noise: Past,
+    measured: Measured,
     pose: Inputs,
     step: Inputs,
     transitions: Steps,
@@ -207,15 +278,17 @@ def _rehearse(
 ) -> Rehearsal:
     """Predict each row from the database without its own clip and that clip's copies."""
     database, search = source.database, source.search
-    feature_noise = pose.noise[settings.history * DOF_COUNT :]
-    known = np.ones(settings.history, dtype=bool), np.ones(len(feature_noise))
+    known = np.ones(settings.history, dtype=bool), (measured.trust > 0.0).astype(float)
     rng = np.random.default_rng(0)
     found: list[tuple[Any, ...]] = []
     for row in rows:
         past = database.histories(row[None], settings.history)[0].astype(float)
         lasting = _LASTING * rng.normal(size=(1, DOF_COUNT))
-        past += angle_noise * (lasting + _PASSING * rng.normal(size=past.shape))
+        past += noise.angles * (lasting + _PASSING * rng.normal(size=past.shape))
         features = source.features[row] + 0.5 * feature_noise * rng.normal(size=len(feature_noise))
+        if measured.turns:
+            turn = _LASTING * noise.turn @ rng.normal(size=3)
+            features = FeatureLayout.seen_turned(features, turn)
         group = int(source.view.groups[row])
         available = min(settings.neighbours, search.available(group))
         if available <= int(NEAR * settings.neighbours):
@@ -261,7 +334,9 @@ def _predict(
     metric = source.metric
     return (
         squared[int(NEAR * settings.neighbours)],
-        np.square(metric.features * (source.features[middle] - query.features)),
+        np.square(
+            query.feature_trust * metric.features * (source.features[middle] - query.features)
+        ),
         np.square(metric.history) * np.square(apart).sum(axis=1),
         np.diagonal(angles.normal(share).covariance).astype(float),
         wanted - 2.0 * np.pi * np.round(wanted / (2.0 * np.pi)),
@@ -293,19 +368,45 @@ def _heard(
     source: ExampleSource,
     rows: Int[ndarray, " Q"],
     settings: Settings,
-) -> Float[ndarray, "56"]:
-    """What joint angles are off by once prediction errors have met the trackers [rad]."""
+    measured: Measured,
+) -> Past:
+    """What past poses are off by once prediction errors have met the trackers."""
     placed = blank_placed(chain)
     jacobian = np.empty((len(chain.site_body), 6, TANGENT_SIZE))
     sigma = np.repeat([settings.sigma_position, settings.sigma_orientation], 3)
     prior = np.zeros((TANGENT_SIZE, TANGENT_SIZE))
     prior[:6, :6] = np.eye(6)
     prior[6:, 6:] = np.linalg.inv(spread + np.radians(0.5) ** 2 * np.eye(DOF_COUNT))
-    variances = []
+    variances, turns = [], []
     for row in rows[:: max(1, len(rows) // 20)]:
         qpos = np.concatenate([source.database.roots[row], source.database.angles[row]])
         place(chain, qpos.astype(float), placed)
         tracker_jacobian(chain, placed, jacobian)
-        whitened = (jacobian / sigma[:, None]).reshape(-1, TANGENT_SIZE)
-        variances.append(np.diagonal(np.linalg.inv(prior + whitened.T @ whitened))[6:])
-    return np.maximum(np.sqrt(np.mean(variances, axis=0)), _LEAST_NOISE)
+        whitened = (jacobian / sigma[:, None])[:, measured.coordinates].reshape(-1, TANGENT_SIZE)
+        covariance = np.linalg.inv(prior + whitened.T @ whitened)
+        variances.append(np.diagonal(covariance)[6:])
+        # The reference's orientation, from the world's axes to its own.
+        own = Rotation.from_quat(placed.site_orientation[measured.reference], scalar_first=True)
+        turning = own.inv().as_matrix() @ jacobian[measured.reference, 3:]
+        turns.append(turning @ covariance @ turning.T)
+    angles = np.maximum(np.sqrt(np.mean(variances, axis=0)), _LEAST_NOISE)
+    turn = np.linalg.cholesky(np.mean(turns, axis=0)) if measured.turns else np.zeros((3, 3))
+    return Past(angles, turn)
+
+
+def _seen_noise(
+    feature_noise: Float[ndarray, " f"],
+    source: ExampleSource,
+    rows: Int[ndarray, " Q"],
+    noise: Past,
+    measured: Measured,
+) -> Float[ndarray, " f"]:
+    """What features are off by where the reference may be turned; infinite where unknown."""
+    variance = np.where(measured.trust > 0.0, np.square(feature_noise), np.inf)
+    if measured.turns:
+        some = rows[:: max(1, len(rows) // 20)]
+        for features in source.features[some].astype(float):
+            for turn in noise.turn.T:
+                away = FeatureLayout.seen_turned(features, turn) - features
+                variance += np.square(away) / len(some)
+    return np.sqrt(variance)

@@ -22,6 +22,7 @@ from localreg.synthesis.windows import Inputs, Raw, Steps, pose_reader, step_rea
 _INPUTS: Final = ("noise", "center", "onto", "reduced", "unit")
 _LEARNED: Final = (
     "pose_share", "step_share", "pose_growth", "step_growth", "feature_share", "history_share",
+    "trust",
 )  # fmt: skip
 _NUMBERS: Final = ("caution", "usual")
 

@@ -16,7 +16,7 @@ Errors of consecutive frames are alike, which is why they cannot simply be avera
   information counts in each.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple, no_type_check
 
@@ -27,13 +27,16 @@ from numpy import ndarray
 
 from localreg.body.chain import Chain, difference, integrate, rotate
 from localreg.body.skeleton import DOF_COUNT, TANGENT_SIZE
+from localreg.database.features import FeatureLayout
 from localreg.database.neighbours import Neighbours, Query
 from localreg.synthesis.belief import Belief, Limits
 from localreg.synthesis.examples import ExampleSource
-from localreg.synthesis.experience import NEAR, Experience
+from localreg.synthesis.experience import NEAR, Experience, learn_half
+from localreg.synthesis.halves import Measured
 from localreg.synthesis.kept_experience import experience_over
 from localreg.synthesis.linear_algebra import factorize, positive_inverse, substitute
 from localreg.synthesis.local_fit import Normal, kernel_weights
+from localreg.synthesis.observation import Signals
 from localreg.synthesis.prior import Acquisition, Expectation, Prior, spread_starts
 from localreg.synthesis.settings import Settings
 from localreg.synthesis.state import State
@@ -93,12 +96,16 @@ class LocalRegression(Prior):
         source: where neighbours come from.
         experience: what rehearsal has taught.
         limits: the ranges that the database's joint angles keep to.
+        chain: the body that wears the trackers.
+        layout: which feature column means what.
     """
 
     settings: Settings
     source: ExampleSource
     experience: Experience
     limits: Limits
+    chain: Chain
+    layout: FeatureLayout
 
     @classmethod
     def over(
@@ -107,6 +114,7 @@ class LocalRegression(Prior):
         settings: Settings,
         feature_noise: Float[ndarray, " f"],
         chain: Chain,
+        layout: FeatureLayout,
     ) -> "LocalRegression":
         """The prior over a database, after rehearsal.
 
@@ -115,13 +123,20 @@ class LocalRegression(Prior):
             settings: the numbers of the method.
             feature_noise: what each feature column is off by.
             chain: the body that wears the trackers.
+            layout: which feature column means what.
         """
         limits = Limits(*ranges(source.angles, source.targets), settings.limit_softness)
         experience = experience_over(source, settings, feature_noise, chain)
-        return cls(settings, source, experience, limits)
+        return cls(settings, source, experience, limits, chain, layout)
 
     def expect(self, query: Query, state: State) -> Expectation:
         """Pose and step regression, fused with the belief of the last frame."""
+        prior = self._rehearsed_for(query, state.signals)
+        if prior is not self:
+            query = prior.experience.as_rehearsed(query)
+        return prior._expect(query, state)
+
+    def _expect(self, query: Query, state: State) -> Expectation:
         settings, source = self.settings, self.source
         neighbours = source.search.search(query, settings.neighbours)
         weights = kernel_weights(neighbours.squared_distances)
@@ -180,6 +195,26 @@ class LocalRegression(Prior):
             floor_angle=settings.step_floor_angle,
             pose_information=settings.pose_information,
         )
+
+    @cached_property
+    def _halves(self) -> dict[Signals, "LocalRegression"]:
+        """The prior as rehearsed with half of the signals, once a stream has begun with them."""
+        return {}
+
+    def _rehearsed_for(self, query: Query, signals: Signals | None) -> "LocalRegression":
+        """The prior for a stream that began with these signals and has no more of them now."""
+        if signals is None or signals == "both":
+            return self
+        if signals not in self._halves:
+            measured = Measured.of(
+                self.layout,
+                position=signals == "position",
+                orientation=signals == "orientation",
+            )
+            learned = learn_half(self.experience, self.source, self.settings, self.chain, measured)
+            self._halves[signals] = replace(self, experience=learned)
+        found = self._halves[signals]
+        return self if query.feature_trust[found.experience.trust == 0.0].any() else found
 
     def _distance(self, neighbours: Neighbours, query: Query) -> float:
         """How far the neighbours are, squared, as if the whole query were known."""

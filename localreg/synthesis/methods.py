@@ -82,7 +82,7 @@ def _database_prior(
 ) -> Prior:
     if settings.prior == "localreg":
         noise = _columns(layout, settings.feature_position_noise, settings.feature_rotation_noise)
-        return LocalRegression.over(source, settings, noise, chain)
+        return LocalRegression.over(source, settings, noise, chain, layout)
     return _published(settings, source)
 
 

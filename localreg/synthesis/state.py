@@ -10,6 +10,7 @@ from localreg.body.chain import difference, integrate
 from localreg.body.skeleton import DOF_COUNT, QPOS_SIZE, TANGENT_SIZE
 from localreg.database.neighbours import Neighbours
 from localreg.synthesis.attention import LONG, Attention
+from localreg.synthesis.observation import Signals
 
 
 class State(NamedTuple):
@@ -25,6 +26,7 @@ class State(NamedTuple):
         drift: how the past has lately misled; the prior's own business.
         near: the neighbours in the database.
         lost: frames in a row that the trackers were left far from.
+        signals: what the trackers measured when something was first measured.
     """
 
     qpos: Float[ndarray, "63"]
@@ -36,6 +38,7 @@ class State(NamedTuple):
     drift: Any = None
     near: Neighbours | None = None
     lost: int = 0
+    signals: Signals | None = None
 
 
 def blank_state(history: int, trackers: int) -> State:

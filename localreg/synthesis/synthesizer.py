@@ -96,6 +96,8 @@ class Synthesizer(Estimator[State]):
     def step(self, state: State, frame: TrackerFrame) -> tuple[State, Pose]:
         """The next pose."""
         observation = observe(frame)
+        if state.signals is None:
+            state = state._replace(signals=observation.signals)
         query, attention = self._query(state, observation)
         expectation = self.prior.expect(query, state)
         solution = self._solve(state, observation, expectation)
