@@ -21,7 +21,7 @@ from localreg.evaluation.body_points import BodyPoints
 from localreg.motion.formats.sample import read_sample
 from sensors.emulators.source import Playback
 
-PATIENCE = 90.0
+PATIENCE = 300.0  # the first program on a machine compiles for a minute of its own
 RUN = (sys.executable, "-m", "localreg", "run", "--config")
 
 
