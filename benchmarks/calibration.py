@@ -356,7 +356,8 @@ def synthesis_errors(
     """Error of synthesis with the true subject, with what was found of it, and the average one.
 
     Clips are moved to the simulated person's body; the database is the sample set without the
-    clip that plays. Every sixth clip is played and none of those is refined by.
+    clip that plays. Every sixth clip is played and none of those is refined by. A refinement's
+    settings were chosen on the first five people and clips that are not played here.
     """
     database = PoseDatabase.build(read_sources(["sample"])[0], mirror=True)
     motions = read_sources(list(sources))[0]
@@ -409,7 +410,9 @@ def main(
         Path | None, typer.Option(metavar="DIR", help="Folder with ASF files.")
     ] = None,
     only: Annotated[list[str] | None, typer.Option(help="Only this condition; may repeat.")] = None,
-    synthesis: Annotated[int, typer.Option(min=0, help="People to synthesize with.")] = 2,
+    synthesis: Annotated[
+        int, typer.Option(min=0, help="People to synthesize with, the last of them.")
+    ] = 2,
     motion: Annotated[
         list[str] | None,
         typer.Option(metavar="SOURCE", help="Clips to synthesize; default: the sample set."),
@@ -449,7 +452,7 @@ def main(
     if synthesis and usual:
         with progress_bar("synthesizing") as bar:
             rows = synthesis_errors(
-                usual[:synthesis], motion or ["sample"], clips, frames, seconds, bar
+                usual[-synthesis:], motion or ["sample"], clips, frames, seconds, bar
             )
         document["synthesis"] = {"clips": rows, "mean": synthesis_means(rows)}
         shown.print(_synthesis_table(synthesis_means(rows)))

@@ -41,7 +41,9 @@ _MOST_DAMPING: Final = 1e6
 
 @dataclass(frozen=True, slots=True)
 class MotionSettings:
-    """Beliefs of a refinement, chosen on walks and people that no report holds.
+    """Beliefs of a refinement.
+
+    Chosen on the first five people of `benchmarks/calibration.py` and walks that it does not play.
 
     Attributes:
         sigma_position: what a tracker's position is off by on each axis [m].
