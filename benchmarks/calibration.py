@@ -204,14 +204,17 @@ def bound(person: Person, condition: Condition) -> Float[ndarray, "9"]:
         pose_sigma=habits.pose_error,
         plant_sigma=habits.plant_error,
     )
+    prior = person.prior
+    if condition.knows_height:
+        prior = prior.at_stature(stature(person.lengths))
     told, believed = information(
         condition.poses,
-        person.prior,
+        prior,
         settings=settings,
         position_sd=habits.noise_position / np.sqrt(habits.frames),
         orientation_sd=habits.noise_orientation / np.sqrt(habits.frames),
     )
-    return expected_deviations(believed + told.sum(axis=0), person.prior)
+    return expected_deviations(believed + told.sum(axis=0), prior)
 
 
 def summarize(
