@@ -140,7 +140,7 @@ class BlockSearch(NeighbourSearch):
             query.history, query.features, self._scale, self._index.mean, self._index.basis
         )
         weight, turn, coarse = self._weight, _NO_TURN, _NO_TURN
-        if not (query.history_valid.all() and (query.feature_trust == 1.0).all()):
+        if not query.is_whole:
             known = np.repeat(query.history_valid[::-1], query.history.shape[1])
             trust = np.concatenate([known, query.feature_trust])
             weight = np.square(self._scale * trust).astype(np.float32)

@@ -93,6 +93,8 @@ class FeatureLayout:
             in_reference: trust in what is seen from the reference tracker where a part of
                 its pose had to be predicted.
         """
+        if position_mask.all() and orientation_mask.all():
+            return np.ones(self.size)
         seen = position_mask[self.reference]
         facing = orientation_mask[self.reference]
         position = position_mask * (1.0 if seen and facing else in_reference)

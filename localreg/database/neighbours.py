@@ -11,9 +11,11 @@ left out. Poses are stored once: windows are read off the same array at shifted 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, no_type_check
 
+import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
+from numba import njit
 from numpy import ndarray
 
 
@@ -53,6 +55,17 @@ class Query(NamedTuple):
     features: Float[ndarray, " f"]
     feature_trust: Float[ndarray, " f"]
     near: Neighbours | None = None
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether everything is known and fully believed, as in nearly every frame."""
+        return _is_whole(self.history_valid, self.feature_trust)
+
+
+@njit(cache=True)
+@no_type_check
+def _is_whole(valid, trust):
+    return np.all(valid) and np.all(trust == 1.0)
 
 
 class NeighbourSearch(ABC):

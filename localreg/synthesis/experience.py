@@ -321,14 +321,13 @@ def _predict(
     database = source.database
     rows, squared = near
     weights = kernel_weights(squared)
-    trust = np.ones(len(pose.noise))
     raw = np.concatenate([query.history.ravel(), query.features])
-    angles = pose.fit(rows, weights, raw, trust, source.angles[rows], settings.pose_ridge)
+    angles = pose.fit(rows, weights, raw, None, source.angles[rows], settings.pose_ridge)
     wanted = source.angles[row].astype(float) - angles.mean
     # The past before a step is known better than its share of lasting noise says.
     past = database.histories(np.array([row]), settings.history)[0].ravel().astype(float)
     into = transitions.of(rows)
-    moves = step.fit(rows, weights, past, trust[: len(past)], into, settings.step_ridge)
+    moves = step.fit(rows, weights, past, None, into, settings.step_ridge)
     middle = rows[int(NEAR * settings.neighbours)]
     apart = database.angles[middle - np.arange(1, settings.history + 1)] - query.history
     metric = source.metric

@@ -218,7 +218,9 @@ class LocalRegression(Prior):
 
     def _distance(self, neighbours: Neighbours, query: Query) -> float:
         """How far the neighbours are, squared, as if the whole query were known."""
-        near = neighbours.squared_distances[int(NEAR * len(neighbours.rows))]
+        near = float(neighbours.squared_distances[int(NEAR * len(neighbours.rows))])
+        if query.is_whole:
+            return min(near, _FARTHEST)
         whole = self.experience.whole_distance(near, query.history_valid, query.feature_trust)
         return float(min(whole, _FARTHEST))
 
@@ -231,7 +233,10 @@ class LocalRegression(Prior):
     ) -> Normal:
         known = self.experience
         raw = np.concatenate([query.history.ravel(), query.features])
-        trust = np.concatenate([np.repeat(query.history_valid, DOF_COUNT), query.feature_trust])
+        trust = None
+        if not query.is_whole:
+            past = np.repeat(query.history_valid, DOF_COUNT)
+            trust = np.concatenate([past, query.feature_trust])
         growth = distance * known.pose_growth
         growth.flat[:: DOF_COUNT + 1] += self.settings.floor**2
         return known.pose.predict(
@@ -248,9 +253,11 @@ class LocalRegression(Prior):
     ) -> Normal:
         """The step, root translation in the root's own axes."""
         known = self.experience
-        raw, trust = query.history.ravel(), np.repeat(query.history_valid, DOF_COUNT).astype(float)
+        trust = None
+        if not query.history_valid.all():
+            trust = np.repeat(query.history_valid, DOF_COUNT).astype(float)
         return known.step.predict(
-            rows, weights, raw, trust, known.steps.of(rows),
+            rows, weights, query.history.ravel(), trust, known.steps.of(rows),
             self.settings.step_ridge, known.step_share, distance * known.step_growth,
         )  # fmt: skip
 

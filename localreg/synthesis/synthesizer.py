@@ -224,15 +224,15 @@ class Synthesizer(Estimator[State]):
         expectation: Expectation,
         result: Result,
     ) -> Pose:
-        measured = np.concatenate([observation.position_mask, observation.orientation_mask])
+        seen, facing = observation.position_mask, observation.orientation_mask
+        measured = (np.count_nonzero(seen) + np.count_nonzero(facing)) / (2 * len(seen))
         return Pose(
             time=time,
             qpos=solution.qpos,
             position_residuals=residuals.distances,
             orientation_residuals=residuals.angles,
-            confidence=expectation.confidence * float(np.mean(measured)),
-            predicted_sigma=expectation.caution
-            * np.sqrt(np.diagonal(np.asarray(state.covariance))[6:]),
+            confidence=expectation.confidence * measured,
+            predicted_sigma=expectation.caution * np.sqrt(np.diagonal(state.covariance)[6:]),
             steps=solution.steps,
             result=result,
         )

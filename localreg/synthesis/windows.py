@@ -47,25 +47,26 @@ class Inputs:
     unit: Float32[ndarray, " r"] | None = None
 
     def of(
-        self, rows: Int[ndarray, " rows"], trust: Float[ndarray, " n"]
+        self, rows: Int[ndarray, " rows"], trust: Float[ndarray, " n"] | None = None
     ) -> Float32[ndarray, "rows r"]:
-        """Reduced inputs of some rows, with no more trust than the query's."""
-        if self.reduced is not None and np.all(trust == 1.0):
+        """Reduced inputs of some rows, with no more trust than the query's; full by default."""
+        if self.reduced is not None and trust is None:
             return _read(self.reduced, self.unit, rows)
         return self.reduce(self.raw(rows), trust)
 
     def reduce(
-        self, raw: Float[ndarray, "*k n"], trust: Float[ndarray, " n"]
+        self, raw: Float[ndarray, "*k n"], trust: Float[ndarray, " n"] | None = None
     ) -> Float32[ndarray, "*k r"]:
         """Raw inputs along the principal directions, those of no trust left out."""
-        return ((raw - self.center) * trust).astype(np.float32) @ self.onto
+        away = raw - self.center
+        return (away if trust is None else away * trust).astype(np.float32) @ self.onto
 
     def fit(
         self,
         rows: Int[ndarray, " K"],
         weights: Float[ndarray, " K"],
         raw: Float[ndarray, " n"],
-        trust: Float[ndarray, " n"],
+        trust: Float[ndarray, " n"] | None,
         outputs: Float32[ndarray, "K d"],
         ridge: float,
     ) -> LocalFit:
@@ -75,7 +76,7 @@ class Inputs:
             rows: the examples.
             weights: how they count.
             raw: the present input.
-            trust: how far each of its entries is believed.
+            trust: how far each of its entries is believed; fully if None.
             outputs: of the examples.
             ridge: of the regression.
         """
@@ -88,7 +89,7 @@ class Inputs:
         rows: Int[ndarray, " K"],
         weights: Float[ndarray, " K"],
         raw: Float[ndarray, " n"],
-        trust: Float[ndarray, " n"],
+        trust: Float[ndarray, " n"] | None,
         outputs: Float32[ndarray, "K d"],
         ridge: float,
         share: Float[ndarray, " d"],
