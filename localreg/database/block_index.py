@@ -105,7 +105,9 @@ def build_index(
     mean = some.mean(axis=0)
     some -= mean
     vectors = np.linalg.eigh(some.T @ some)[1][:, ::-1]
-    basis = np.ascontiguousarray(vectors[:, :SKETCHED], dtype=np.float32)
+    # Short windows have fewer directions than there is room for.
+    basis = np.zeros((len(vectors), SKETCHED), dtype=np.float32)
+    basis[:, : len(vectors)] = vectors[:, :SKETCHED]
     unit = np.abs(some.astype(np.float32) @ basis).max(axis=0) / _LARGEST_DIGIT
     unit = np.maximum(_BEYOND * unit, 1e-12).astype(np.float32)
     sketches = Sketches(
