@@ -658,10 +658,21 @@ def _compare(sketches, poses, target, count, wanted, scratch):
     return found, nth_smallest(scratch.order, found, wanted - 1)
 
 
+@njit(cache=True)
+@no_type_check
+def _sorted(scratch, found, wanted):
+    """The nearest of what has been found: rows, and squared distances."""
+    order = np.argsort(scratch.squared[:found])
+    rows, squared = np.empty(wanted, np.int64), np.empty(wanted)
+    for n in range(wanted):
+        rows[n], squared[n] = scratch.rows[order[n]], scratch.squared[order[n]]
+    return rows, squared
+
+
 @njit(cache=True, fastmath=_FAST)
 @no_type_check
 def search_blocks(blocks, sketches, poses, target, wanted, probes, first, guess, hints, scratch):
-    """Write the windows that may be among the nearest to `rows` and `squared`; how many.
+    """The nearest windows, in order: their rows and squared distances.
 
     Of the clusters that are probed, no nearer window is missing.
 
@@ -699,7 +710,7 @@ def search_blocks(blocks, sketches, poses, target, wanted, probes, first, guess,
         if count >= wanted:
             found, known = _compare(sketches, poses, target, count, wanted, scratch)
             if known <= limit:
-                return found
+                return _sorted(scratch, found, wanted)
             limit = known
         elif not expected:
             limit = np.float32(0.0)
@@ -708,14 +719,3 @@ def search_blocks(blocks, sketches, poses, target, wanted, probes, first, guess,
         else:
             # Too few in these clusters may be found: look into all.
             scratch.probed[:] = np.maximum(scratch.probed, 1)
-
-
-@njit(cache=True)
-@no_type_check
-def sorted_neighbours(scratch, found, wanted):
-    """The nearest of what a search has found: rows, and squared distances."""
-    order = np.argsort(scratch.squared[:found])
-    rows, squared = np.empty(wanted, np.int64), np.empty(wanted)
-    for n in range(wanted):
-        rows[n], squared[n] = scratch.rows[order[n]], scratch.squared[order[n]]
-    return rows, squared

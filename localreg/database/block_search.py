@@ -28,7 +28,6 @@ from localreg.database.block_kernels import (
     all_distances,
     look_from,
     search_blocks,
-    sorted_neighbours,
 )
 from localreg.database.neighbours import (
     Metric,
@@ -110,11 +109,10 @@ class BlockSearch(NeighbourSearch):
             guess = _MORE * query.near.squared_distances[-1]
             if not self.is_exact:
                 hints = query.near.rows[:_MOST_HINTS]
-        found = search_blocks(
+        rows, squared = search_blocks(
             self._blocks, self._sketches, self._poses, target, wanted, self._probes, _FIRST,
             guess, hints, room,
         )  # fmt: skip
-        rows, squared = sorted_neighbours(room, found, wanted)
         if wanted < count:
             extra = count - wanted
             rows = np.concatenate([rows, np.resize(rows, extra)])

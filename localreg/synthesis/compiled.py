@@ -133,33 +133,48 @@ def _normal_equations(jacobian, errors, observation, control, belief, qpos, devi
             if k < 6 or rows[3, k] != 0.0 or rows[4, k] != 0.0 or rows[5, k] != 0.0:
                 columns[count] = k
                 count += 1
-        if observation.position_mask[j]:
-            _add_rows(rows[:3], position[j], control.sigma_position, control, columns[:count], H, g)
-        if observation.orientation_mask[j]:
+        seen, facing = observation.position_mask[j], observation.orientation_mask[j]
+        place_weight = _weight(position[j], control.sigma_position, control) if seen else 0.0
+        turn_weight = 0.0
+        if facing:
+            turn_weight = _weight(orientation[j], control.sigma_orientation, control)
             inverse_left_jacobian(orientation[j], bend)
             for n in range(count):
                 k = columns[n]
                 x, y, z = rows[3, k], rows[4, k], rows[5, k]
                 for i in range(3):
                     rows[3 + i, k] = bend[i, 0] * x + bend[i, 1] * y + bend[i, 2] * z
+        if seen or facing:
             _add_rows(
-                rows[3:], orientation[j], control.sigma_orientation, control, columns[:count], H, g
-            )
+                rows, position[j], orientation[j], place_weight, turn_weight,
+                columns[:count], H, g,
+            )  # fmt: skip
+
+
+@njit(cache=True, inline="always")
+@no_type_check
+def _weight(error, sigma, control):
+    """What a squared error counts by the Lorentzian's reweighting."""
+    t = _squared(error) / (2.0 * control.lorentzian * sigma**2)
+    return 1.0 / (sigma**2 * (1.0 + t))
 
 
 @njit(cache=True)
 @no_type_check
-def _add_rows(rows, error, sigma, control, columns, H, g):
-    """Add one tracker's three rows with their Lorentzian weight."""
-    t = _squared(error) / (2.0 * control.lorentzian * sigma**2)
-    weight = 1.0 / (sigma**2 * (1.0 + t))
+def _add_rows(rows, position, orientation, place_weight, turn_weight, columns, H, g):
+    """Add one tracker's six rows; errors of no weight are not measured."""
     for n in range(len(columns)):
         a = columns[n]
-        x, y, z = weight * rows[0, a], weight * rows[1, a], weight * rows[2, a]
-        g[a] += x * error[0] + y * error[1] + z * error[2]
+        x, y, z = place_weight * rows[0, a], place_weight * rows[1, a], place_weight * rows[2, a]
+        u, v, w = turn_weight * rows[3, a], turn_weight * rows[4, a], turn_weight * rows[5, a]
+        g[a] += x * position[0] + y * position[1] + z * position[2]
+        g[a] += u * orientation[0] + v * orientation[1] + w * orientation[2]
         for m in range(n + 1):
             b = columns[m]
-            H[a, b] += x * rows[0, b] + y * rows[1, b] + z * rows[2, b]
+            H[a, b] += (
+                x * rows[0, b] + y * rows[1, b] + z * rows[2, b]
+                + u * rows[3, b] + v * rows[4, b] + w * rows[5, b]
+            )  # fmt: skip
 
 
 @njit(cache=True)
