@@ -60,7 +60,9 @@ class BlockSearch(NeighbourSearch):
         metric: how differences count.
         groups: the recording that every pose belongs to, for `search` without one; by
             default there is only one.
-        probes: how many clusters to look into; all of them, and so exactly, if None.
+        probes: how many clusters to look into; all of them if None.
+        strict: whether also a query of which only a part is known is answered exactly. Bounds
+            are loose there, and such searches take twice as long.
     """
 
     def __init__(
@@ -72,6 +74,7 @@ class BlockSearch(NeighbourSearch):
         metric: Metric,
         groups: Int[ndarray, " N"] | None = None,
         probes: int | None = None,
+        strict: bool = True,
     ):
         self._index = index
         groups = np.zeros(len(angles), dtype=np.int32) if groups is None else groups
@@ -83,17 +86,22 @@ class BlockSearch(NeighbourSearch):
         self._weight = np.square(self._scale).astype(np.float32)
         clusters = len(index.blocks.cluster_center)
         self._probes = clusters if probes is None else min(probes, clusters)
+        self._is_strict = strict
         self._room = threading.local()
 
     @property
     def is_exact(self) -> bool:
         """Whether no neighbour can be missing."""
+        return self._is_strict and self._sees_all
+
+    @property
+    def _sees_all(self) -> bool:
         return self._probes == len(self._blocks.cluster_center)
 
     def made_exact(self) -> "BlockSearch":
         """The same search with no neighbour missing."""
         other = copy.copy(self)
-        other._probes = len(self._blocks.cluster_center)
+        other._probes, other._is_strict = len(self._blocks.cluster_center), True
         other._room = threading.local()
         return other
 
@@ -107,7 +115,7 @@ class BlockSearch(NeighbourSearch):
         guess, hints = 0.0, _NO_ROWS
         if query.near is not None and np.isfinite(query.near.squared_distances[-1]):
             guess = _MORE * query.near.squared_distances[-1]
-            if not self.is_exact:
+            if not self._sees_all:
                 hints = query.near.rows[:_MOST_HINTS]
         rows, squared = search_blocks(
             self._blocks, self._sketches, self._poses, target, wanted, self._probes, _FIRST,
@@ -149,7 +157,7 @@ class BlockSearch(NeighbourSearch):
         beside, fine_beside = np.sqrt(np.maximum(outside, 0.0))
         return Target(
             raw[:past], weight[:past], raw[past:], weight[past:], point[:DIRECTIONS], coarse,
-            beside, point, turn, fine_beside, without, self.is_exact,
+            beside, point, turn, fine_beside, without, self._is_strict,
         )  # fmt: skip
 
     def _scratch(self) -> Scratch:

@@ -61,15 +61,14 @@ class SubjectView:
 
         Args:
             allowed: which poses may be found; all with a whole window by default.
-            exact: whether all clusters are looked into; by default where the database is
-                smaller than `LARGE`.
+            exact: whether no neighbour may be missing; by default that holds for whole
+                queries where the database is smaller than `LARGE`.
         """
         targets = self.targets if allowed is None else self.targets & allowed
-        if exact is None:
-            exact = len(self.database) < LARGE
+        sees_all = len(self.database) < LARGE if exact is None else exact
         return BlockSearch(
             self.index, self.database.angles, self.features, targets, self.metric,
-            self.groups, None if exact else PROBES,
+            self.groups, None if sees_all else PROBES, strict=exact is True,
         )  # fmt: skip
 
 

@@ -202,6 +202,28 @@ def test_what_follows_the_last_neighbours_is_looked_at(database, features, targe
     assert np.mean(shares, axis=0)[1] > 0.9
 
 
+@pytest.mark.parametrize("known", ["past", "three features of four", "one pose"])
+def test_what_is_likely_of_partial_queries_is_nearly_all(index, database, features, targets, known):
+    strict = BlockSearch(index, database.angles, features, targets, METRIC)
+    likely = BlockSearch(index, database.angles, features, targets, METRIC, strict=False)
+    assert not likely.is_exact
+    assert likely.made_exact().is_exact
+    shares = []
+    for row in np.flatnonzero(targets)[::41]:
+        query = query_at(database, features, row, 5)
+        whole = likely.search(query, 30).squared_distances
+        np.testing.assert_array_equal(whole, strict.search(query, 30).squared_distances)
+        if known == "past":
+            query = query._replace(feature_trust=np.zeros(20))
+        elif known == "one pose":
+            query = query._replace(history_valid=np.array([True, False, False]))
+        else:
+            query = query._replace(feature_trust=(np.arange(20) % 4 > 0).astype(float))
+        found = likely.search(query, 30).rows
+        shares.append(np.isin(strict.search(query, 30).rows, found).mean())
+    assert np.mean(shares) > 0.99
+
+
 def test_where_little_is_allowed_all_clusters_are_looked_into(database, features, targets) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(block_index, "_CLUSTERED", 100)

@@ -105,7 +105,7 @@ def test_searches_see_what_is_allowed(folder: Path, cache: Path) -> None:
     query = Query(past, np.ones(3, bool), seen.features[row].astype(float), np.ones(64))
     for mask in (None, allowed):
         search = seen.search(mask)
-        assert search.is_exact
+        assert seen.search(mask, exact=True).is_exact
         targets = seen.targets if mask is None else seen.targets & mask
         plain = PlainSearch(seen.database.angles, np.asarray(seen.features), targets, seen.metric)
         expected = plain.search(query, 50).squared_distances
