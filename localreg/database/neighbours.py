@@ -59,7 +59,7 @@ class Query(NamedTuple):
     @property
     def is_whole(self) -> bool:
         """Whether everything is known and fully believed, as in nearly every frame."""
-        return _is_whole(self.history_valid, self.feature_trust)
+        return bool(_is_whole(self.history_valid, self.feature_trust))
 
 
 @njit(cache=True)
