@@ -253,7 +253,7 @@ def main(
     if mink:
         figures |= mink_ratio(estimator, clips, frames)
     if exact:
-        figures |= against_exact(estimator, clips, 100)
+        figures |= against_exact(estimator, clips, 300)
     if json_file is not None:
         write_json(figures, json_file)
     output().print_json(data=figures)

@@ -179,8 +179,8 @@ def look_from(history, features, scale, mean, basis):
 
     Returns:
         The window, what it is away from the mean in units of the metric, that along the
-        principal directions, and the squared lengths of what of it lies outside those of
-        blocks and outside all.
+        principal directions, and the lengths of what of it lies outside those of blocks and
+        outside all.
     """
     lags, width = history.shape
     past = lags * width
@@ -194,13 +194,13 @@ def look_from(history, features, scale, mean, basis):
         away[n] = scale[n] * away[n] - mean[n]
         length += away[n] * away[n]
     point = np.dot(away.astype(np.float32), basis)
-    outside = np.array([length, length])
+    beside = fine_beside = length
     for k in range(SKETCHED):
         square = np.float64(point[k]) ** 2
-        outside[1] -= square
+        fine_beside -= square
         if k < DIRECTIONS:
-            outside[0] -= square
-    return raw, away, point, outside
+            beside -= square
+    return raw, away, point, sqrt(max(beside, 0.0)), sqrt(max(fine_beside, 0.0))
 
 
 @njit(cache=True)

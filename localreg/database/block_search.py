@@ -37,9 +37,8 @@ from localreg.database.neighbours import (
 )
 
 PROBES: Final = 128
-"""Clusters that are looked into in large databases. Of the 128 nearest windows among 1.1 million,
-96 clusters and what follows the last neighbours hold 99.0 %, 128 hold 99.3 % and 160 99.5 %; by
-themselves 128 hold 98.2 %."""
+"""Clusters that are looked into in large databases. Of the 96 nearest windows among 1.1 million,
+these and what follows the last neighbours hold 99.4 %, and 98.2 % in the hardest clip."""
 
 _FIRST: Final = 24  # clusters that a first limit is taken from
 _MORE: Final = 1.1  # by how much the K-th distance may grow from frame to frame
@@ -142,7 +141,7 @@ class BlockSearch(NeighbourSearch):
     def _target(self, query: Query, without: int) -> Target:
         """The query in the terms of the index."""
         past = query.history.size
-        raw, away, point, outside = look_from(
+        raw, away, point, beside, fine_beside = look_from(
             query.history, query.features, self._scale, self._index.mean, self._index.basis
         )
         weight, turn, coarse = self._weight, _NO_TURN, _NO_TURN
@@ -154,7 +153,7 @@ class BlockSearch(NeighbourSearch):
             coarse = np.ascontiguousarray(turn[:DIRECTIONS, :DIRECTIONS])
             length = float(np.sum(np.square(trust * away)))
             outside = length - np.cumsum(np.square(point, dtype=float))[[DIRECTIONS - 1, -1]]
-        beside, fine_beside = np.sqrt(np.maximum(outside, 0.0))
+            beside, fine_beside = np.sqrt(np.maximum(outside, 0.0)).tolist()
         return Target(
             raw[:past], weight[:past], raw[past:], weight[past:], point[:DIRECTIONS], coarse,
             beside, point, turn, fine_beside, without, self._is_strict,

@@ -338,7 +338,10 @@ def _correct(drift, gain, moved, after):
     """The parts of a drift once the pose is known better, and whether they are numbers."""
     mean = drift.mean + np.dot(gain, moved)
     cross = np.dot(after, gain.T)
-    spread = drift.covariance - np.dot(gain, drift.cross - cross)
-    spread = 0.5 * (spread + spread.T)
-    finite = np.isfinite(np.sum(mean) + np.sum(spread) + np.sum(cross))
-    return (mean, spread, cross), finite
+    less = np.dot(gain, drift.cross - cross)
+    before, spread, total = drift.covariance, np.empty_like(less), np.sum(mean)
+    for i in range(len(spread)):
+        for j in range(len(spread)):
+            spread[i, j] = before[i, j] - 0.5 * (less[i, j] + less[j, i])
+            total += spread[i, j] + cross[i, j]
+    return (mean, spread, cross), np.isfinite(total)

@@ -8,6 +8,7 @@ Tests hold both to the same energies.
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import isfinite
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -59,8 +60,8 @@ class Solution(NamedTuple):
 
     @property
     def ok(self) -> bool:
-        """Whether the answer is a number."""
-        return bool(np.isfinite(self.energy) and np.all(np.isfinite(self.qpos)))
+        """Whether the answer is a number; the energy is one only where the pose is."""
+        return isfinite(self.energy)
 
 
 class Solver(ABC):

@@ -27,7 +27,7 @@ from localreg.synthesis.linear_algebra import positive_inverse
 from localreg.synthesis.observation import Observation
 from localreg.synthesis.prior import Expectation, Prior
 from localreg.synthesis.settings import Settings
-from localreg.synthesis.solver import SOLVERS, Problem, Solution
+from localreg.synthesis.solver import SOLVERS, Problem, Solution, Solver
 from localreg.synthesis.state import (
     State,
     blank_state,
@@ -100,7 +100,7 @@ class Synthesizer(Estimator[State]):
             state = state._replace(signals=observation.signals)
         query, attention = self._query(state, observation)
         expectation = self.prior.expect(query, state)
-        solution = self._solve(state, observation, expectation)
+        solution = self._solve(observation, expectation.belief)
         solved = solution.ok
         if not solved:
             solution = self._stay(state, observation, expectation)
@@ -159,13 +159,14 @@ class Synthesizer(Estimator[State]):
         )
         return query, attention
 
-    def _solve(self, state: State, observation: Observation, expectation: Expectation) -> Solution:
+    @cached_property
+    def _solver(self) -> Solver:
+        return SOLVERS[self.settings.solver]()
+
+    def _solve(self, observation: Observation, belief: Belief) -> Solution:
         """The solver's answer."""
-        problem = self._problem(observation, expectation.belief)
-        expected = expectation.belief.qpos
-        if not np.isfinite(expected).all():
-            return self._stay(state, observation, expectation)
-        return SOLVERS[self.settings.solver]().solve(problem, expected, self.settings.max_steps)
+        problem = self._problem(observation, belief)
+        return self._solver.solve(problem, belief.qpos, self.settings.max_steps)
 
     def _stay(self, state: State, observation: Observation, expectation: Expectation) -> Solution:
         """The pose of the frame before: what is shown when a frame cannot be solved."""
@@ -204,8 +205,7 @@ class Synthesizer(Estimator[State]):
             mean[6:] = acquisition.mean - angles
             belief = Belief(start, mean.copy(), information)
             problem = self._problem(observation, belief)
-            solver = SOLVERS[self.settings.solver]()
-            solutions.append(solver.solve(problem, start, self.settings.max_steps_acquire))
+            solutions.append(self._solver.solve(problem, start, self.settings.max_steps_acquire))
         best = min(solutions, key=lambda found: found.energy if found.ok else np.inf)
         found = state_at(best.qpos, self.settings.history, len(self.subject.trackers))
         return found._replace(covariance=_inverse(best.hessian)), best
