@@ -1,4 +1,4 @@
-"""Keeps compiled code between runs, so that only the first warm-up takes half a minute.
+"""Keeps compiled code between runs, so that only the first warm-up takes a minute or two.
 
 Numba's code of live frames takes 25 s to compile and 0.3 s to load again, JAX's of the other
 methods 34 s and 5 s; the folder holds some 10 MB.

@@ -152,7 +152,7 @@ def _sinks(
 def _warm_estimator(
     method: str, subject: Subject, chosen: ChosenDatabase, tell: Tell
 ) -> AnyEstimator:
-    tell("warming up; the first time on a machine this compiles for half a minute")
+    tell("warming up; the first time on a machine this compiles for a minute or two")
     estimator = build_estimator(method, subject, chosen.poses)
     seconds = warm_up(estimator)
     tell(f"learning from {len(chosen.poses):,} poses; warmed up in {seconds:.1f} s")

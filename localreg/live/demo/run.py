@@ -177,7 +177,7 @@ def _warm_estimators(
             name = clip.provenance.name
             if name not in without:
                 without[name] = everything.leave_out(database.exclude(clip=name))
-    with console.status("warming up (compiling; half a minute the first time)"):
+    with console.status("warming up (compiling; a minute or two the first time)"):
         seconds = warm_up(without[playlist.clips[0].provenance.name])
     console.print(
         f"database of {len(database):,} poses at {database.rate:g} Hz; "
