@@ -2,8 +2,11 @@
 
     python -m benchmarks.tables sample
     python -m benchmarks.tables --figures figures.json
+    python -m benchmarks.tables sample --settings benchmarks/rivals.toml --set sample
 
-Evaluates (leaving one clip out) or takes the figures of `localreg evaluate --json`. In every
+Evaluates (leaving one clip out) or takes the figures of `localreg evaluate --json`. Every method
+has one setting, whatever the motion; with `--settings` each rival has a row more, with what
+`benchmarks.tune_baselines` found best for this set of motion alone, where that differs. In every
 column the lowest mean is marked, those that cannot be told from it are tied (the paired
 bootstrap interval of the difference holds zero), the others have lost. Below it the order
 that was published is compared with what was found, step by step.
@@ -19,6 +22,7 @@ from typing import Annotated, Any, Final
 import numpy as np
 import typer
 
+from benchmarks.tune_baselines import read_settings
 from localreg.commands.console import output, progress_bar
 from localreg.commands.grids import Grid
 from localreg.commands.reading import OverridesFile, SourceRate, read
@@ -31,7 +35,7 @@ from localreg.evaluation.protocol import Protocol
 from localreg.evaluation.results import write_json
 from localreg.evaluation.statistics import Difference, paired_difference
 from localreg.evaluation.summaries import to_json
-from localreg.evaluation.variants import find_variant
+from localreg.evaluation.variants import TRUTH, find_variant
 
 METHODS: Final = ("ik", "lpca", "lpcr", "paper", "joint", "localreg", "ik-truth")
 """The rows, in the published order of quality, the default last; then what IK could be."""
@@ -117,8 +121,13 @@ def columns_of(document: Mapping[str, Any]) -> list[Column]:
         ) from error
 
 
-def method_table(columns: Sequence[Column]) -> Grid:
-    """Methods by signals; `ik-truth` is shown but does not compete, since it was given more."""
+def method_table(columns: Sequence[Column], words: Mapping[str, str] | None = None) -> Grid:
+    """Methods by signals; `ik-truth` is shown but does not compete, since it was given more.
+
+    Args:
+        columns: the figures.
+        words: what rows are called, where that is not the name of the method.
+    """
     methods = list(columns[0].values)
     rivals = rivals_of(columns[0])
     clips = len(columns[0].values[methods[0]])
@@ -134,8 +143,26 @@ def method_table(columns: Sequence[Column]) -> Grid:
             elif method in rivals and not column.minus(method, best).is_sure:
                 mark = _TIED
             cells.append(f"{column.mean(method):.2f}{mark}")
-        grid.add_row(method, *cells)
+        grid.add_row((words or {}).get(method, method), *cells)
     return grid
+
+
+def rows_of(methods: Sequence[str], chosen: Mapping[str, str]) -> dict[str, str]:
+    """The variants to run, with what their rows are called.
+
+    Args:
+        methods: with their own settings.
+        chosen: by method, the variant that suits this set of motion best.
+    """
+    rows = {method: method for method in methods}
+    for method in methods:
+        variant = find_variant(method)
+        if variant.method not in chosen:
+            continue
+        name = chosen[variant.method] + (TRUTH if variant.is_given_truth else "")
+        if find_variant(name).settings != variant.settings:
+            rows[name] = f"{method}, chosen for this set"
+    return rows
 
 
 def rivals_of(column: Column) -> list[str]:
@@ -174,6 +201,16 @@ def main(
         typer.Option(exists=True, help="Figures of localreg evaluate --json, not to run it again."),
     ] = None,
     methods: Annotated[str, typer.Option(help="The rows, with commas.")] = ",".join(METHODS),
+    settings: Annotated[
+        Path | None,
+        typer.Option(exists=True, help="What benchmarks.tune_baselines --out wrote."),
+    ] = None,
+    of_set: Annotated[
+        str | None,
+        typer.Option(
+            "--set", help="Which set's settings to show beside; the first source's name by default."
+        ),
+    ] = None,
     signals: Annotated[str, typer.Option(help="The columns, with commas.")] = ",".join(SIGNALS),
     max_frames: Annotated[int | None, typer.Option(help="Only so many frames a clip.")] = None,
     source_rate: SourceRate = None,
@@ -186,14 +223,13 @@ def main(
     """Print the table as Markdown, and what became of the published order."""
     if (figures is None) == (not sources):
         raise typer.BadParameter("give sources to evaluate, or --figures of an evaluation")
+    rows = rows_of(methods.split(","), _chosen(settings, of_set or Path((sources or [""])[0]).name))
     if figures is not None:
         document = json.loads(figures.read_text(encoding="utf-8"))
     else:
         keep_compiled_code()
         motions, _ = read(list(sources or ()), source_rate, overrides)
-        protocol = Protocol(
-            tuple(methods.split(",")), tuple(signals.split(",")), max_frames=max_frames
-        )
+        protocol = Protocol(tuple(rows), tuple(signals.split(",")), max_frames=max_frames)
         with progress_bar("evaluating") as bar:
             evaluation = evaluate(
                 motions, PoseDatabase.build(motions), protocol,
@@ -203,11 +239,23 @@ def main(
         if json_file is not None:
             write_json(document, json_file)
     columns = columns_of(document)
-    grid = method_table(columns)
+    grid = method_table(columns, rows)
     console = output()
     console.print(f"{grid.title}\n\n{grid.to_markdown()}\n", soft_wrap=True)
     for line in published_order(columns):
         console.print(f"* {line}", soft_wrap=True)
+
+
+def _chosen(settings: Path | None, name: str) -> dict[str, str]:
+    if settings is None:
+        return {}
+    found = read_settings(settings)
+    if name not in found:
+        raise typer.BadParameter(
+            f"{settings} knows no set {name!r}; choose one of {', '.join(found)}",
+            param_hint="--set",
+        )
+    return found[name]
 
 
 if __name__ == "__main__":

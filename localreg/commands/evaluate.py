@@ -71,7 +71,8 @@ def evaluate(
         str,
         typer.Option(
             help="Methods, with commas; NAME-truth is given the true first pose, NAME-squares "
-            "has plain squares for the Lorentzian, NAME-floor8 a least deviation of 8 degrees."
+            "has plain squares for the Lorentzian, NAME-floor8 a least deviation of 8 degrees, "
+            "NAME:neighbours=24:rank=6 other settings (localreg/synthesis/settings.py)."
         ),
     ] = "localreg,paper,lpcr,lpca,ik,ik-truth",
     signals: Annotated[

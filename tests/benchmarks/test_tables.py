@@ -9,8 +9,9 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from benchmarks.tables import columns_of, main, method_table, published_order
+from benchmarks.tables import columns_of, main, method_table, published_order, rows_of
 from localreg.errors import LocalregError
+from localreg.synthesis.settings import METHODS
 
 CLIPS = 20
 
@@ -69,6 +70,27 @@ def test_the_published_order_is_compared_plainly(figures: dict[str, Any]) -> Non
     assert lines[1].startswith("both, deg: lpca minus lpcr -0.2")
     assert lines[1].endswith("the other way round")
     assert lines[2].endswith("not told apart")
+
+
+def test_rivals_have_a_row_more_where_a_set_wants_other_settings(
+    figures: dict[str, Any],
+) -> None:
+    own = METHODS["lpcr"].rank
+    chosen = {"ik": "ik:previous_pose=0.5", "lpca": "lpca:rank=7", "lpcr": f"lpcr:rank={own}"}
+    rows = rows_of(["ik", "lpca", "lpcr", "localreg", "ik-truth"], chosen)
+    assert rows == {
+        **{name: name for name in ("ik", "lpca", "lpcr", "localreg", "ik-truth")},
+        "ik:previous_pose=0.5": "ik, chosen for this set",
+        "lpca:rank=7": "lpca, chosen for this set",
+        "ik:previous_pose=0.5-truth": "ik-truth, chosen for this set",
+    }
+    extra = {**figures, "clips": list(figures["clips"])}
+    extra["clips"] += [
+        {**clip, "method": "lpca:rank=7"} for clip in figures["clips"] if clip["method"] == "lpca"
+    ]
+    grid = method_table(columns_of(extra), rows)
+    assert grid.rows[-1][0] == "lpca, chosen for this set"
+    assert published_order(columns_of(extra)) == published_order(columns_of(figures))
 
 
 def test_it_reads_what_evaluations_write(figures: dict[str, Any], tmp_path: Path) -> None:

@@ -1,15 +1,18 @@
 """The search for settings: it finds a known minimum, and asks for nothing twice."""
 
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from benchmarks import tune_baselines
-from benchmarks.tune_baselines import GRID, mean_error, search
+from benchmarks.tune_baselines import GRID, Search, mean_error, read_settings, write_settings
 from localreg.database import PoseDatabase
+from localreg.errors import LocalregError
 from localreg.evaluation.protocol import Protocol, plan_trials
+from localreg.evaluation.variants import find_variant
 from localreg.synthesis.settings import METHODS, Settings
 from tests.localreg.database.made_motion import make_motion
 from tests.localreg.evaluation.standing import Standing
@@ -24,24 +27,61 @@ def test_every_axis_is_a_setting_and_its_present_value_is_tried(method: str) -> 
         assert len(values) == len(set(values))
 
 
-def test_the_search_finds_the_least_error() -> None:
-    asked: list[Settings] = []
+def made_up(settings: Settings, number: int) -> float:
+    """Errors of two sets, the second of which wants a wider floor."""
+    wanted = (2.0, 8.0)[number]
+    return float(
+        1.0
+        + abs(settings.neighbours - 100) / 100
+        + abs(settings.rank - 6) / 10
+        + abs(np.log(np.degrees(settings.floor) / wanted))
+    )
 
-    def evaluate(settings: Sequence[Settings]) -> list[float]:
-        asked.extend(settings)
-        return [
-            abs(s.neighbours - 100) / 100 + abs(s.rank - 6) / 10 + abs(np.degrees(s.floor) - 5.0)
-            for s in settings
-        ]
+
+def test_the_search_finds_the_least_error() -> None:
+    asked: list[tuple[Settings, int]] = []
+
+    def evaluate(problems: Sequence[tuple[Settings, int]]) -> list[float]:
+        asked.extend(problems)
+        return [made_up(*problem) for problem in problems]
 
     told: list[str] = []
-    best, least, lines = search("paper", evaluate, lambda done, total, what: told.append(what))  # type: ignore[arg-type]
-    assert (best.neighbours, best.rank, round(np.degrees(best.floor))) == (100, 6, 5)
-    assert least == pytest.approx(0.0, abs=1e-9)
+    search = Search("paper", evaluate, told.append)
+    for sets, floor in (((0,), 2.0), ((1,), 8.0)):
+        best = search.best(METHODS["paper"], sets)
+        assert (best.neighbours, best.rank) == (100, 6)
+        assert np.degrees(best.floor) == pytest.approx(floor)
+        assert search.errors(best, sets) == pytest.approx([1.0])
+        assert best.prior == "paper"
+        assert not best.search_by_trackers, "the published search stays as published"
+    common = search.best(METHODS["paper"], (0, 1))
+    assert 2.0 <= np.degrees(common.floor) <= 8.0001
     assert len(asked) == len(set(asked)), "nothing is run twice"
-    assert len(lines) == len(told) == 6
-    assert best.prior == "paper"
-    assert not best.search_by_trackers, "the published search stays as published"
+    assert told[0].startswith("paper floor: ")
+    assert "/" in told[-1], "an error for each set"
+
+
+def test_a_percent_counts_alike_in_every_set() -> None:
+    def evaluate(problems: Sequence[tuple[Settings, int]]) -> list[float]:
+        # 20 ranks cost a tenth of a small error, and save a twentieth of a large one.
+        return [(1.0, 10.0)[n] * (1.0 if s.rank != 20 else (1.1, 0.95)[n]) for s, n in problems]
+
+    search = Search("paper", evaluate)
+    assert search.best(METHODS["paper"], (0, 1)).rank != 20
+    assert search.best(METHODS["paper"], (1,)).rank == 20
+
+
+def test_what_was_found_is_written_as_names_of_variants(tmp_path: Path) -> None:
+    best = replace(METHODS["lpca"], floor=np.radians(3.0), search_by_trackers=False)
+    path = tmp_path / "found.toml"
+    write_settings(path, {"all": {"lpca": METHODS["lpca"]}, "cmu": {"lpca": best}})
+    assert set(read_settings(path)) == {"all", "cmu"}
+    name = read_settings(path)["cmu"]["lpca"]
+    assert name.startswith("lpca:floor=0.0523")
+    assert find_variant(name).settings == best
+    path.write_text("[all]\nlpca = 3\n")
+    with pytest.raises(LocalregError, match="make it with"):
+        read_settings(path)
 
 
 def test_errors_are_means_over_signals_and_starts(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -30,6 +30,36 @@ def test_every_method_has_its_variants(method: str) -> None:
     assert [find_variant(name).is_plain for name in names] == [True, False, False, False]
 
 
+def test_any_setting_can_be_changed() -> None:
+    name = "lpca:neighbours=24:floor=2e-2:search_by_trackers=False:metric_history=1/0/0-truth"
+    variant = find_variant(name)
+    assert (variant.method, variant.is_given_truth, variant.is_plain) == ("lpca", True, False)
+    settings = variant.settings
+    assert (settings.neighbours, settings.floor, settings.search_by_trackers) == (24, 0.02, False)
+    assert settings.metric_history == (1.0, 0.0, 0.0)
+    assert settings.rank == METHODS["lpca"].rank
+    assert variant.estimator == name.removesuffix("-truth")
+    both = find_variant("paper:rank=20-floor8-squares")
+    assert (both.settings.rank, both.has_squares) == (20, True)
+    assert np.degrees(both.settings.floor) == pytest.approx(8.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("paper:ranks=20", "no setting named ranks; choose among neighbours"),
+        ("paper:prior=lpcr", "no setting named prior"),
+        ("paper:rank=2.5", "rank=2.5 is no change; rank takes a value of type int"),
+        ("paper:rank", "takes a value of type int"),
+        ("paper:search_by_trackers=yes", "takes a value of type bool"),
+        ("localreg:history=2", "metric_history needs one weight for each of the 2"),
+    ],
+)
+def test_changes_that_cannot_be_made_are_refused(name: str, says: str) -> None:
+    with pytest.raises(SynthesisError, match=says):
+        Protocol(methods=(name,))
+
+
 def test_only_inverse_kinematics_needs_no_database() -> None:
     assert not find_variant("ik-truth").needs_database
     assert not Protocol(methods=("ik", "ik-squares")).needs_database
