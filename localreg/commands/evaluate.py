@@ -294,7 +294,7 @@ def _disturb(
     from dataclasses import asdict, replace
 
     from localreg.commands.console import output
-    from localreg.commands.evaluation_tables import growth_table
+    from localreg.commands.evaluation_tables import growth_table, recovery_table
     from localreg.evaluation.results import SCHEMA, without_nan
     from localreg.evaluation.robustness import loss_growth, outlier_growth
 
@@ -306,6 +306,8 @@ def _disturb(
         growths = loss_growth(motions, database, protocol, run, progress=progress)
     if not to_output:
         output().print(growth_table(growths).to_rich())
+        if growths[0].recovery is not None:
+            output().print(recovery_table(growths).to_rich())
     entries = [
         {**asdict(g), "mpjpe_growth": g.mpjpe_growth, "angle_growth": g.angle_growth}
         for g in growths

@@ -1,6 +1,7 @@
 """The results of an evaluation as tables for people."""
 
 import math
+from dataclasses import astuple
 from typing import Final
 
 from localreg.commands.grids import Grid
@@ -155,19 +156,35 @@ def growth_table(growths: list[Growth]) -> Grid:
         "Disturbances",
         ["disturbance", "method", "signals", "clips", "MPJPE [cm]\nwithout", "MPJPE [cm]\nwith",
          "growth\n[%]", "joint angle [deg]\nwithout", "joint angle [deg]\nwith", "growth\n[%]",
-         "frames until\nwithin 110 %", "slowest\nclip"],
+         "MPJPE [cm]\nworst frame"],
         left=3,
     )  # fmt: skip
     for growth in growths:
-        slowest = growth.slowest_to_recover
         table.add_row(
             growth.disturbance, growth.method, growth.signals, str(growth.clips),
             _cell(growth.undisturbed_mpjpe_cm), _cell(growth.disturbed_mpjpe_cm),
             f"{100 * growth.mpjpe_growth:+.1f}",
             _cell(growth.undisturbed_angle_deg), _cell(growth.disturbed_angle_deg),
             f"{100 * growth.angle_growth:+.1f}",
-            _cell(growth.frames_to_recover), "-" if slowest is None else str(slowest),
+            _cell(growth.worst_frame_cm),
         )  # fmt: skip
+    return table
+
+
+def recovery_table(growths: list[Growth]) -> Grid:
+    """How soon all is well again, of disturbances that end."""
+    table = Grid(
+        "Frames until the MPJPE is within 110 % of the undisturbed",
+        ["disturbance", "method", "signals", "clips", "mean\nover clips", "half of\nclips",
+         "90 %\nof clips", "slowest\nclip"],
+        left=3,
+    )  # fmt: skip
+    for growth in growths:
+        if growth.recovery is not None:
+            frames = (str(value) for value in astuple(growth.recovery))
+            table.add_row(
+                growth.disturbance, growth.method, growth.signals, str(growth.clips), *frames
+            )
     return table
 
 

@@ -27,6 +27,23 @@ _TO_SEE_IT_BACK: Final = 0.5  # what a clip must still have after the loss [s]
 
 
 @dataclass(frozen=True, slots=True)
+class RecoveryFrames:
+    """Frames from the end of a disturbance until the MPJPE is within 110 % of the undisturbed.
+
+    Attributes:
+        of_means: of the mean over clips, frame by frame.
+        half: within how many frames half of the clips are back.
+        most: within how many 90 % of them are.
+        slowest: of the slowest clip.
+    """
+
+    of_means: int
+    half: int
+    most: int
+    slowest: int
+
+
+@dataclass(frozen=True, slots=True)
 class Growth:
     """Means over clips of one method with one kind of signals.
 
@@ -39,9 +56,8 @@ class Growth:
         disturbed_mpjpe_cm: in the same frames [cm].
         undisturbed_angle_deg: joint angle error [deg].
         disturbed_angle_deg: the same, disturbed [deg].
-        frames_to_recover: from the end of the disturbance until the frame's MPJPE is within
-            110 % of the undisturbed one's, mean over clips; None where it never ends.
-        slowest_to_recover: the same of the slowest clip.
+        worst_frame_cm: greatest MPJPE of any frame that counts [cm].
+        recovery: how soon all is well again; None where the disturbance never ends.
     """
 
     disturbance: str
@@ -52,8 +68,8 @@ class Growth:
     disturbed_mpjpe_cm: float
     undisturbed_angle_deg: float
     disturbed_angle_deg: float
-    frames_to_recover: float | None = None
-    slowest_to_recover: int | None = None
+    worst_frame_cm: float
+    recovery: "RecoveryFrames | None" = None
 
     @property
     def mpjpe_growth(self) -> float:
@@ -91,7 +107,7 @@ def outlier_growth(
         )
     )
     name = f"{quality.outliers:.0%} outliers of {100 * quality.outlier_position:.0f} cm"
-    return [_growth(name, one, other, SETTLING_FRAMES, None) for one, other in _alike(calm, wild)]
+    return [growth_of(name, one, other, SETTLING_FRAMES, None) for one, other in _alike(calm, wild)]
 
 
 def loss_growth(
@@ -138,7 +154,7 @@ def loss_growth(
             run=run, progress=part_of(progress, part, 1 + len(names)),
         )  # fmt: skip
         what = f"{name} lost for {LOSS_LASTS:g} s"
-        found += [_growth(what, one, other, begin, end) for one, other in _alike(calm, lossy)]
+        found += [growth_of(what, one, other, begin, end) for one, other in _alike(calm, lossy)]
     return found
 
 
@@ -160,20 +176,27 @@ def _alike(
     ]
 
 
-def _growth(
-    name: str, calm: list[ClipResult], disturbed: list[ClipResult], begin: int, end: int | None
+def growth_of(
+    name: str,
+    calm: Sequence[ClipResult],
+    disturbed: Sequence[ClipResult],
+    begin: int,
+    end: int | None,
 ) -> Growth:
+    """What a disturbance costs.
+
+    Args:
+        name: what was done.
+        calm: clips without it.
+        disturbed: the same clips with it.
+        begin: the first frame that counts.
+        end: the first frame after the disturbance; None if it never ends.
+    """
     counted = slice(begin, end)
 
-    def mean(clips: list[ClipResult], figure: str) -> float:
+    def mean(clips: Sequence[ClipResult], figure: str) -> float:
         return float(np.mean([getattr(c.comparison, figure)[counted].mean() for c in clips]))
 
-    recovery = None
-    if end is not None:
-        recovery = [
-            frames_to_recover(after.comparison.mpjpe_cm, before.comparison.mpjpe_cm, end)
-            for before, after in zip(calm, disturbed, strict=True)
-        ]
     return Growth(
         disturbance=name,
         method=calm[0].method,
@@ -183,6 +206,25 @@ def _growth(
         disturbed_mpjpe_cm=mean(disturbed, "mpjpe_cm"),
         undisturbed_angle_deg=mean(calm, "joint_angle_error_deg"),
         disturbed_angle_deg=mean(disturbed, "joint_angle_error_deg"),
-        frames_to_recover=None if recovery is None else float(np.mean(recovery)),
-        slowest_to_recover=None if recovery is None else max(recovery),
+        worst_frame_cm=max(float(c.comparison.mpjpe_cm[counted].max()) for c in disturbed),
+        recovery=None if end is None else _recovery(calm, disturbed, end),
+    )
+
+
+def _recovery(
+    calm: Sequence[ClipResult], disturbed: Sequence[ClipResult], end: int
+) -> RecoveryFrames:
+    before, after = ([clip.comparison.mpjpe_cm for clip in clips] for clips in (calm, disturbed))
+    frames = [frames_to_recover(a, b, end) for a, b in zip(after, before, strict=True)]
+    shortest = min(len(error) for error in before)
+    half, most = (int(np.quantile(frames, share, method="inverted_cdf")) for share in (0.5, 0.9))
+    return RecoveryFrames(
+        of_means=frames_to_recover(
+            np.mean([error[:shortest] for error in after], axis=0),
+            np.mean([error[:shortest] for error in before], axis=0),
+            end,
+        ),
+        half=half,
+        most=most,
+        slowest=max(frames),
     )

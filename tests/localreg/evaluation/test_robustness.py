@@ -1,6 +1,7 @@
 """What disturbances cost, with an estimator whose errors are known."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,13 @@ from localreg.evaluation import worker
 from localreg.evaluation.execution import processes
 from localreg.evaluation.leave_one_out import evaluate
 from localreg.evaluation.protocol import Protocol
-from localreg.evaluation.robustness import loss_growth, outlier_growth
+from localreg.evaluation.results import ClipResult
+from localreg.evaluation.robustness import (
+    RecoveryFrames,
+    growth_of,
+    loss_growth,
+    outlier_growth,
+)
 from localreg.evaluation.trackers import TrackerQuality
 from localreg.motion.motion import Motion
 from tests.localreg.database.made_motion import make_motion
@@ -52,7 +59,8 @@ def test_outliers_cost_what_they_move(motions: list[Motion], database: PoseDatab
         growth.disturbed_mpjpe_cm / growth.undisturbed_mpjpe_cm - 1.0
     )
     assert growth.angle_growth == pytest.approx(0.0), "its joint angles are always the same"
-    assert growth.frames_to_recover is None
+    assert growth.recovery is None
+    assert growth.worst_frame_cm > growth.disturbed_mpjpe_cm
     assert [done for done, _, _ in told] == sorted(done for done, _, _ in told)
     assert told[-1][0] == told[-1][1]
 
@@ -68,7 +76,30 @@ def test_every_tracker_is_lost_in_turn_for_a_second(
     for growth in growths:
         assert growth.clips == 2, "a clip of 1.5 s cannot show a tracker come back"
         assert growth.mpjpe_growth > 0.1
-        assert growth.frames_to_recover == growth.slowest_to_recover == 0, "it forgets at once"
+        assert growth.recovery == RecoveryFrames(0, 0, 0, 0), "it forgets at once"
+        assert growth.worst_frame_cm > growth.disturbed_mpjpe_cm
+
+
+def test_recovery_is_that_of_the_mean_of_half_of_most_and_of_the_slowest(
+    motions: list[Motion], database: PoseDatabase
+) -> None:
+    with processes(database) as run:
+        protocol = Protocol(methods=("ik",), signals=("both",))
+        (one,) = evaluate(motions[:1], database, protocol, run=run).clips
+    usual = np.full(120, 1.0)
+
+    def clip(error: np.ndarray) -> ClipResult:
+        return replace(one, comparison=replace(one.comparison, mpjpe_cm=error))
+
+    disturbed = []
+    for frames in (0, 1, 1, 1, 2, 2, 2, 3, 4, 11):
+        error = usual.copy()
+        error[20 : 20 + frames] = 1.4
+        disturbed.append(clip(error))
+    growth = growth_of("made up", [clip(usual)] * 10, disturbed, 10, 20)
+    # In the fourth frame two clips of ten have 1.4 times their error: 1.08 times in the mean.
+    assert growth.recovery == RecoveryFrames(of_means=3, half=2, most=4, slowest=11)
+    assert growth.worst_frame_cm == 1.0, "while it lasted"
 
 
 def test_clips_too_short_to_lose_a_tracker_are_refused(
