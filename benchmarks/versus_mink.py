@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
-from typing import Annotated, cast
+from typing import Annotated, Final, cast
 
 import numpy as np
 import typer
@@ -23,22 +23,22 @@ from benchmarks.mink_estimator import MinkEstimator, MinkSettings
 from benchmarks.tuning import tuning_clips
 from localreg.commands.console import notes, output, progress_bar
 from localreg.commands.evaluation_tables import (
-    activity_table,
     difference_table,
     mean_table,
     more_table,
     worse_lines,
 )
+from localreg.commands.grids import Grid
 from localreg.commands.reading import OverridesFile, SourceRate, Sources, read
 from localreg.compile_cache import keep_compiled_code
 from localreg.database import PoseDatabase
 from localreg.evaluation.body_points import BodyPoints
 from localreg.evaluation.leave_one_out import Progress, settings_of
-from localreg.evaluation.metrics import compare
+from localreg.evaluation.metrics import compare, mean_figures
 from localreg.evaluation.playback import play
 from localreg.evaluation.protocol import Protocol, Trial, plan_trials
 from localreg.evaluation.results import ClipResult, Evaluation, write_json
-from localreg.evaluation.summaries import badness, to_json
+from localreg.evaluation.summaries import badness, by_kind, to_json
 from localreg.evaluation.trackers import simulate_trackers
 from localreg.evaluation.worker import Worker
 from localreg.motion.motion import Motion
@@ -49,6 +49,9 @@ from localreg.synthesis.term_prior import FromTerms
 TUNED = MinkSettings()
 """What `--tune` found best on the sample set's tuning clips (5.47 degrees over both starts; with
 20 rounds the same, drawn to the standing posture 8.4)."""
+
+_MINKS: Final = ("mink", "mink-truth")
+_JUDGED: Final = (("joint_angle_error_deg", "deg"), ("mpjpe_cm", "cm"))
 
 _GRID = [
     MinkSettings(float(np.radians(posture)), is_previous, rounds, damping)
@@ -120,6 +123,51 @@ def mink_estimator(motion: Motion, settings: MinkSettings) -> MinkEstimator:
     return MinkEstimator(motion.subject, motion.rate, starts, settings)
 
 
+def activity_grid(evaluation: Evaluation, signals: str) -> Grid:
+    """Our first method beside mink from both starts, by kind of activity."""
+    ours = evaluation.methods[0]
+    shown = (ours, *_MINKS)
+    grid = Grid(
+        f"By activity, {signals}",
+        ["activity", "clips",
+         *(f"{method}\n[{unit}]" for _, unit in _JUDGED for method in shown)],
+    )  # fmt: skip
+    groups = {method: by_kind(evaluation, method, signals) for method in shown}
+    for activity, clips in groups[ours].items():
+        means = {method: mean_figures([c.figures for c in groups[method][activity]])
+                 for method in shown}  # fmt: skip
+        cells = [f"{getattr(means[m], figure):.2f}" for figure, _ in _JUDGED for m in shown]
+        grid.add_row(activity, str(len(clips)), *cells)
+    return grid
+
+
+def activity_lines(evaluation: Evaluation, signals: str) -> list[str]:
+    """On how many activities and clips our first method has less of both errors than mink."""
+    ours, lines = evaluation.methods[0], []
+    mine = by_kind(evaluation, ours, signals)
+    for rival in _MINKS:
+        its = by_kind(evaluation, rival, signals)
+        lost = [name for name in mine if not _is_less(mine[name], its[name])]
+        pairs = zip(evaluation.of(ours, signals), evaluation.of(rival, signals), strict=True)
+        worse = [one.name for one, other in pairs if not _is_less([one], [other])]
+        lines.append(
+            f"{ours}, {signals}: less of both errors than {rival} on "
+            f"{len(mine) - len(lost)} of {len(mine)} activities"
+            + (f" (not on {', '.join(lost)})" if lost else "")
+            + f" and {sum(map(len, mine.values())) - len(worse)} of "
+            f"{sum(map(len, mine.values()))} clips"
+            + (f" (not on {', '.join(worse)})" if worse else "")
+        )
+    return lines
+
+
+def _is_less(ours: Sequence[ClipResult], others: Sequence[ClipResult]) -> bool:
+    one, other = (mean_figures([clip.figures for clip in clips]) for clips in (ours, others))
+    return all(
+        (getattr(one, figure) or 0.0) < (getattr(other, figure) or 0.0) for figure, _ in _JUDGED
+    )
+
+
 def time_lines(evaluation: Evaluation) -> list[str]:
     """How long half of the frames take at most, every method beside mink, on the same frames."""
     medians = {
@@ -185,10 +233,14 @@ def main(
         evaluation = run_clips(motions, database, protocol, progress=bar)
     if evaluation.too_short:
         notes().print(f"too short to be a test: {', '.join(evaluation.too_short)}")
-    for table in (mean_table, difference_table, activity_table, more_table):
+    for table in (mean_table, difference_table, more_table):
         console.print(table(evaluation).to_rich())
+    for kind in protocol.signals:
+        console.print(activity_grid(evaluation, kind).to_rich())
+        for line in activity_lines(evaluation, kind):
+            console.print(line, soft_wrap=True)
     for line in (*worse_lines(evaluation), *time_lines(evaluation)):
-        console.print(line)
+        console.print(line, soft_wrap=True)
     if json_file is not None:
         write_json(to_json(evaluation), json_file)
 

@@ -14,7 +14,7 @@ from numpy import ndarray
 
 from localreg.evaluation.metrics import SETTLING_FRAMES
 from localreg.evaluation.results import ClipResult, Evaluation
-from localreg.evaluation.summaries import by_activity, by_joint
+from localreg.evaluation.summaries import by_kind, by_joint
 from localreg.evaluation.sweeps import Curve, Series
 
 _INK, _SOFT, _GRID = "#2b2d31", "#6d7077", "#e4e2de"
@@ -47,7 +47,7 @@ def activity_bars(evaluation: Evaluation, figure: str, label: str) -> bytes:
         groups = _groups(evaluation, signals)
         width = 0.8 / len(evaluation.methods)
         for index, method in enumerate(evaluation.methods):
-            chosen = by_activity(evaluation, method, signals)
+            chosen = by_kind(evaluation, method, signals)
             everything = evaluation.of(method, signals)
             values = [_values(chosen.get(name, everything), figure) for name in groups]
             place = np.arange(len(groups)) + (index - 0.5 * (len(evaluation.methods) - 1)) * width
@@ -160,7 +160,7 @@ def color(method: str, number: int = 0) -> str:
 
 def _groups(evaluation: Evaluation, signals: str) -> list[str]:
     """The activities with the most clips, and `all` where there is more than one."""
-    chosen = by_activity(evaluation, evaluation.methods[0], signals)
+    chosen = by_kind(evaluation, evaluation.methods[0], signals)
     names = sorted(chosen, key=lambda name: len(chosen[name]), reverse=True)[:_MOST_ACTIVITIES]
     return [*sorted(names), "all"] if len(chosen) > 1 else names
 
@@ -171,7 +171,7 @@ def _wrapped(name: str) -> str:
 
 
 def _count(evaluation: Evaluation, signals: str, name: str) -> str:
-    chosen = by_activity(evaluation, evaluation.methods[0], signals)
+    chosen = by_kind(evaluation, evaluation.methods[0], signals)
     count = len(chosen.get(name, evaluation.of(evaluation.methods[0], signals)))
     return "1 clip" if count == 1 else f"{count} clips"
 

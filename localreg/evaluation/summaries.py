@@ -61,6 +61,14 @@ def by_activity(evaluation: Evaluation, method: str, signals: str) -> dict[str, 
     return dict(sorted(groups.items()))
 
 
+def by_kind(evaluation: Evaluation, method: str, signals: str) -> dict[str, list[ClipResult]]:
+    """The same by kinds of activities: the words before a dash (`playground - climb, hang`)."""
+    groups: dict[str, list[ClipResult]] = {}
+    for activity, clips in by_activity(evaluation, method, signals).items():
+        groups.setdefault(activity.split(" - ")[0], []).extend(clips)
+    return groups
+
+
 def by_joint(clips: Iterable[ClipResult]) -> dict[str, dict[str, float]]:
     """Means over clips by joint angle, by bone with joints, and by bone end."""
     clips = list(clips)

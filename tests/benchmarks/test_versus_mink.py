@@ -11,7 +11,15 @@ pytest.importorskip("mink")
 
 from benchmarks.mink_estimator import MinkEstimator
 from benchmarks.tuning import tuning_clips
-from benchmarks.versus_mink import TUNED, mink_estimator, mink_results, run_clips, time_lines
+from benchmarks.versus_mink import (
+    TUNED,
+    activity_grid,
+    activity_lines,
+    mink_estimator,
+    mink_results,
+    run_clips,
+    time_lines,
+)
 from localreg.body.skeleton import joint_limits
 from localreg.database import PoseDatabase
 from localreg.evaluation import worker
@@ -105,6 +113,14 @@ def test_the_same_frames_for_all_and_the_contract(
     ratios = dict(line.split(": half of the frames within ") for line in time_lines(evaluation))
     assert list(ratios) == ["ik", "mink", "mink-truth"]
     assert ratios["mink"].endswith("ms, 1.00 of mink's")
+    (row,) = activity_grid(evaluation, "both").rows
+    assert row[:2] == ("walk", "2")
+    means = evaluation.means()
+    shown = [means[m]["both"].mpjpe_cm for m in ("ik", "mink", "mink-truth")]
+    assert list(row[5:]) == [f"{value:.2f}" for value in shown]
+    assert activity_lines(evaluation, "both")[0].startswith(
+        "ik, both: less of both errors than mink on 0 of 1 activities (not on walk) and 0 of 2 "
+    ), "who stands is no match for it"
     again = mink_results(Trial(walk.first(12), ()), protocol, TUNED)
     assert again[0].figures == evaluation.of("mink")[0].figures
 
