@@ -70,7 +70,7 @@ GRID: Final[Mapping[str, Axes]] = {
 }
 """What is searched for each method."""
 
-_ROUNDS: Final = 4  # at most; the last gains nothing
+_ROUNDS: Final = 3  # at most; mostly the second gains nothing
 
 
 Evaluate = Callable[[Sequence[tuple[Settings, int]]], list[float]]
@@ -265,6 +265,7 @@ def main(
     methods: Annotated[str, typer.Option(help="Methods, with commas.")] = ",".join(GRID),
     signals: Annotated[str, typer.Option(help="Kinds of signals.")] = "both,position,orientation",
     max_frames: Annotated[int | None, typer.Option(help="Only so many frames a clip.")] = None,
+    every: Annotated[int, typer.Option(min=1, help="Of the tuning clips every so many.")] = 1,
     source_rate: SourceRate = None,
     overrides: OverridesFile = None,
     jobs: Annotated[int | None, typer.Option(min=1, help="Processes; one a core.")] = None,
@@ -282,7 +283,7 @@ def main(
     for source in sources:
         motions, _ = read([source], source_rate, overrides)
         database = PoseDatabase.build(motions)
-        trials, _ = plan_trials(tuning_clips(motions), database, protocol)
+        trials, _ = plan_trials(tuning_clips(motions)[::every], database, protocol)
         sets.append(TuningSet(Path(source).name, trials, database))
     console = output()
     together = tuple(range(len(sets)))

@@ -14,8 +14,9 @@ from numpy import ndarray
 
 from localreg.evaluation.metrics import SETTLING_FRAMES
 from localreg.evaluation.results import ClipResult, Evaluation
-from localreg.evaluation.summaries import by_kind, by_joint
+from localreg.evaluation.summaries import by_joint, by_kind
 from localreg.evaluation.sweeps import Curve, Series
+from localreg.evaluation.variants import SQUARES
 
 _INK, _SOFT, _GRID = "#2b2d31", "#6d7077", "#e4e2de"
 # Colors that the color-blind can tell apart (Okabe and Ito); grays for inverse kinematics.
@@ -27,6 +28,7 @@ _OTHERS: Final = ("#56b4e9", "#8a5a44", "#b8a900", "#444444")
 _DPI: Final = 130
 _MOST_ACTIVITIES: Final = 8
 _LABEL_WIDTH: Final = 15  # characters
+_MOST_IN_A_LINE: Final = 8
 
 
 def activity_bars(evaluation: Evaluation, figure: str, label: str) -> bytes:
@@ -126,7 +128,7 @@ def series_curves(series: Series, curves: Sequence[Curve]) -> bytes:
         for number, curve in enumerate(curves):
             error = getattr(curve, field)
             values.append(error)
-            style = "--" if curve.method.endswith("-squares") else "-"
+            style = "--" if curve.method.endswith(SQUARES) else "-"
             # Places without a measure have nothing between them.
             style = style if series.is_measure else "none"
             place = [point.value for point in series.points]
@@ -152,7 +154,8 @@ def series_curves(series: Series, curves: Sequence[Curve]) -> bytes:
 
 
 def color(method: str, number: int = 0) -> str:
-    """A method's color, the same in every figure."""
+    """A method's color, the same in every figure; without the Lorentzian, too."""
+    method = method.removesuffix(SQUARES)
     if method in _COLORS:
         return _COLORS[method]
     return _OTHERS[(len(method) + number) % len(_OTHERS)]
@@ -188,11 +191,12 @@ def _sheet(width: float, height: float) -> Figure:
 
 
 def _legend(sheet: Figure) -> None:
-    """One line above everything, where it covers nothing."""
+    """Above everything, where it covers nothing."""
     handles, labels = sheet.axes[0].get_legend_handles_labels()
     sheet.legend(
-        handles, labels, loc="outside upper right", ncols=len(labels), frameon=False, fontsize=8
-    )
+        handles, labels, loc="outside upper right", ncols=min(len(labels), _MOST_IN_A_LINE),
+        frameon=False, fontsize=8,
+    )  # fmt: skip
 
 
 def _tidy(axes: Any) -> None:
