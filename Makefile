@@ -2,6 +2,7 @@
 # Needed on the machine: Python 3.11 or newer, make, and a package registry.
 PYTHON ?= python3
 BIN := .venv/bin
+export PYTHONDONTWRITEBYTECODE :=
 SOURCES := localreg sensors calibration benchmarks tests
 
 .PHONY: help demo test check format bench lock fuzz clean
@@ -10,8 +11,9 @@ SOURCES := localreg sensors calibration benchmarks tests
 help:  ## show this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 10
 
-demo: .venv/.runtime  ## play a left-out walk through a serial line and synthesize the body live
+demo: .venv/.installed  ## play a left-out walk through a serial line and synthesize the body live
 	$(BIN)/localreg demo $(ARGS)
+	@$(MAKE) -s .venv/.runtime
 
 test: .venv/.develop  ## run the tests
 	$(BIN)/pytest -n 2 --dist loadfile $(ARGS)
@@ -47,12 +49,17 @@ $(BIN)/uv:
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install -q uv
 
-# Byte code is compiled once, here: left to the first import, it would be compiled at every start
-# where Python is told to write none, and take most of it.
-.venv/.runtime: requirements.lock pyproject.toml | $(BIN)/uv
-	$(BIN)/uv pip install -q -p $(BIN)/python --compile-bytecode --require-hashes -r requirements.lock
+.venv/.installed: requirements.lock pyproject.toml | $(BIN)/uv
+	$(BIN)/uv pip install -q -p $(BIN)/python --require-hashes -r requirements.lock
 	$(BIN)/uv pip install -q -p $(BIN)/python --no-deps -e .
-	$(BIN)/python -m compileall -q localreg sensors calibration
+	@touch $@
+
+# Byte code is compiled once: left to the first import, it would be compiled at every start where
+# Python is told to write none, and take most of it. The first demo writes what it imports, a
+# quarter of all, and does not wait for the rest.
+.venv/.runtime: .venv/.installed
+	$(BIN)/python -m compileall -q -j 0 -x '/tests/' localreg sensors calibration \
+	  $$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
 	@touch $@
 
 .venv/.develop: requirements-dev.lock .venv/.runtime

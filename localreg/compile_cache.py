@@ -1,7 +1,7 @@
-"""Keeps compiled code between runs, so that only the first warm-up takes a minute or two.
+"""Keeps compiled code between runs, so that only the first start has to compile.
 
-Numba's code of live frames takes 25 s to compile and 0.3 s to load again, JAX's of the other
-methods 34 s and 5 s; the folder holds some 10 MB.
+Numba's code of live frames takes 55 s of one processor to compile and 0.3 s to load again (9 MB),
+JAX's of the other methods 34 s and 5 s.
 Imports nothing heavy: the command line calls it before it knows what is wanted.
 """
 
@@ -10,9 +10,12 @@ import hashlib
 import os
 import platform
 import shutil
+import sys
 import time
+from collections.abc import Iterator
+from importlib.metadata import version
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 _JAX: Final = "JAX_COMPILATION_CACHE_DIR"
 _WORTH_KEEPING: Final = ("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
@@ -56,6 +59,83 @@ def keep_numba_code(folder: Path | None = None) -> None:
         _forget_others(place)
 
 
+def wants_compiling() -> bool:
+    """Whether the code of frames has not been kept yet, but will be."""
+    place = _kept()
+    return place is not None and not (place / _mark()).exists()
+
+
+def note_compiled() -> None:
+    """Say that all of the code of frames is kept now."""
+    place = _kept()
+    if place is not None:
+        with contextlib.suppress(OSError):
+            (place / _mark()).touch()
+
+
+def count_compiled() -> int:
+    """How many functions are kept, from all places that the program was started in."""
+    place = _kept()
+    return 0 if place is None else sum(1 for _ in place.rglob("*.nbi"))
+
+
+def write_in_turn() -> None:
+    """Let processes that compile the same functions at once keep both what they made.
+
+    Numba numbers what it keeps of a function by looking at what is there, and nothing stops
+    another process from taking the same number for other types: the index would then name
+    the code of one for the types of the other.
+    """
+    from numba.core.caching import IndexDataCacheFile
+
+    save, load = IndexDataCacheFile.save, IndexDataCacheFile.load
+    if getattr(save, "_in_turn", False):
+        return
+
+    def save_in_turn(self: Any, key: Any, data: Any) -> None:
+        with _turn(Path(self._cache_path)):
+            save(self, key, data)
+
+    def load_in_turn(self: Any, key: Any) -> Any:
+        with _turn(Path(self._cache_path)):
+            return load(self, key)
+
+    save_in_turn._in_turn = True  # type: ignore[attr-defined]
+    IndexDataCacheFile.save, IndexDataCacheFile.load = save_in_turn, load_in_turn
+
+
+@contextlib.contextmanager
+def _turn(folder: Path) -> Iterator[None]:
+    """While nobody else reads or writes a folder; at once if there is none yet."""
+    import fcntl
+
+    try:
+        lock = (folder / "lock").open("w")
+    except OSError:
+        yield
+        return
+    with lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
+def _kept() -> Path | None:
+    """Numba's folder, if what it compiles is kept in one of ours or the user's."""
+    name = os.environ.get(_NUMBA, "")
+    return Path(name) if name and _is_usable(Path(name)) else None
+
+
+def _mark() -> str:
+    """Name of what says that all is kept.
+
+    Numba, too, takes a file that was moved or touched for another one.
+    """
+    facts = [sys.version, version("numba")]
+    for path, _ in _compiled_sources():
+        facts.append(f"{path} {path.stat().st_mtime_ns}")
+    return f"complete-{_short(chr(10).join(facts).encode())}"
+
+
 def _of_this_processor(folder: Path | None) -> Path:
     if folder is None:
         from platformdirs import user_cache_path
@@ -85,11 +165,15 @@ def _processor() -> str:
 
 def _sources() -> str:
     """A short name of all that numba compiles here."""
+    return _short(b"".join(text for _, text in _compiled_sources()))
+
+
+def _compiled_sources() -> list[tuple[Path, bytes]]:
+    """The files that decide what numba makes, and what they say."""
     package = Path(__file__).parent
-    texts = (
-        path.read_bytes() for part in _SOURCES for path in sorted((package / part).glob("*.py"))
-    )
-    return _short(b"".join(text for text in texts if any(sign in text for sign in _COMPILED)))
+    paths = (path for part in _SOURCES for path in sorted((package / part).glob("*.py")))
+    texts = ((path, path.read_bytes()) for path in paths)
+    return [(path, text) for path, text in texts if any(sign in text for sign in _COMPILED)]
 
 
 def _short(facts: bytes) -> str:

@@ -1,21 +1,19 @@
 """`localreg demo`: real walks through a real serial line, synthesized live."""
 
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from localreg.commands.view_arguments import PageHost, PagePort, View
+
+if TYPE_CHECKING:
+    from localreg.live.compiling import Compiling
+    from localreg.live.demo.run import DemoConfig
+    from localreg.live.view_options import ViewOptions
+
 _EPILOG = """Examples: `localreg demo`, `localreg demo --seconds 20 --json demo.json`,
 `localreg demo --seconds 20 --faults`."""
-
-
-class View(StrEnum):
-    """Where the body is to be seen live."""
-
-    NONE = "none"
-    WEB = "web"
-    NATIVE = "native"
 
 
 def demo(
@@ -34,21 +32,8 @@ def demo(
             show_default=False,
         ),
     ] = None,
-    host: Annotated[
-        str,
-        typer.Option(
-            metavar="ADDRESS", help="Where the page is served; 0.0.0.0: on every network."
-        ),
-    ] = "127.0.0.1",
-    view_port: Annotated[
-        int | None,
-        typer.Option(
-            min=0,
-            max=65535,
-            help="Port of the page; default: the first free one from 8080 on; 0: any.",
-            show_default=False,
-        ),
-    ] = None,
+    host: PageHost = "127.0.0.1",
+    view_port: PagePort = None,
     json: Annotated[
         Path | None,
         typer.Option(help="Also write the figures to this JSON file.", show_default=False),
@@ -77,25 +62,41 @@ def demo(
     walk is left out of the database while it plays. At the end come accuracy, latency and
     late frames, the synthesized motion as BVH and a picture of it.
     """
+    from localreg.live.compiling import Compiling
+
+    # The first start begins to compile before all that takes long to import.
+    with Compiling() as compiling:
+        from localreg.live.demo.run import DemoConfig
+        from localreg.live.view_options import ViewOptions, usual_kind
+
+        config = DemoConfig(
+            seconds=seconds,
+            seed=seed,
+            noise_position=noise_position,
+            noise_orientation=noise_orientation,
+            faults=faults,
+        )
+        kind = usual_kind() if view is None else view.value
+        seen = ViewOptions(kind, host, view_port, out, falls_back=view is None)
+        _play(config, seen, out, json, compiling)
+
+
+def _play(
+    config: "DemoConfig",
+    seen: "ViewOptions",
+    out: Path,
+    json: Path | None,
+    compiling: "Compiling",
+) -> None:
     from rich.console import Console
 
     from localreg.errors import LocalregError
     from localreg.evaluation.results import write_json
-    from localreg.live.demo.run import PICTURE, DemoConfig, run_demo
+    from localreg.live.demo.run import PICTURE, run_demo
     from localreg.live.demo.show import results_table
-    from localreg.live.view_options import ViewOptions, usual_kind
     from localreg.motion.sources import read_sources
 
     says = Console(stderr=True)
-    config = DemoConfig(
-        seconds=seconds,
-        seed=seed,
-        noise_position=noise_position,
-        noise_orientation=noise_orientation,
-        faults=faults,
-    )
-    kind = usual_kind() if view is None else view.value
-    seen = ViewOptions(kind, host, view_port, out, falls_back=view is None)
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -103,7 +104,7 @@ def demo(
         raise LocalregError(f"cannot make the folder {out}: {reason}; give another --out") from None
     with says.status("reading the sample set"):
         motions, _ = read_sources(["sample"])
-    run = run_demo(motions, config, out, says, seen)
+    run = run_demo(motions, config, out, says, seen, compiling)
     title = f"Live demo, {run.score.truth.seconds:.1f} s at {run.score.truth.rate:g} Hz"
     output = Console()
     output.print(results_table(run.score, run.session, title))

@@ -1,20 +1,13 @@
 """`localreg run`: trackers in, poses out, for hours."""
 
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from localreg.commands.view_arguments import PagePort, View
+
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
-
-
-class View(StrEnum):
-    """Where the body is to be seen live."""
-
-    NONE = "none"
-    WEB = "web"
-    NATIVE = "native"
 
 
 @app.command(
@@ -53,15 +46,7 @@ def run(
     view: Annotated[
         View, typer.Option(help="Watch live: a page for browsers on this machine, or a window.")
     ] = View.NONE,
-    view_port: Annotated[
-        int | None,
-        typer.Option(
-            min=0,
-            max=65535,
-            help="Port of the page; default: the first free one from 8080 on; 0: any.",
-            show_default=False,
-        ),
-    ] = None,
+    view_port: PagePort = None,
     takes: Annotated[
         Path, typer.Option(metavar="DIR", help="Where the view's buttons write motion files.")
     ] = Path("takes"),

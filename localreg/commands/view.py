@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from localreg.commands.view_arguments import PageHost, PagePort
+
 if TYPE_CHECKING:
     from localreg.view.footage import Footage
     from localreg.view.pictures import Studio
@@ -61,19 +63,8 @@ def view(
         bool,
         typer.Option("--web", help="In a browser; what happens anyway where there is no display."),
     ] = False,
-    host: Annotated[
-        str,
-        typer.Option(metavar="ADDRESS", help="Where the page is served; 0.0.0.0: every network."),
-    ] = "127.0.0.1",
-    port: Annotated[
-        int | None,
-        typer.Option(
-            min=0,
-            max=65535,
-            help="Port of the page; default: the first free one from 8080 on; 0: any.",
-            show_default=False,
-        ),
-    ] = None,
+    host: PageHost = "127.0.0.1",
+    port: PagePort = None,
     video: Annotated[
         Path | None,
         typer.Option(metavar="OUT.mp4", help="Write a video instead.", show_default=False),

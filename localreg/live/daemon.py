@@ -18,6 +18,7 @@ from typing import Any
 
 from localreg.body.subject import Subject, read_subject
 from localreg.errors import LocalregError
+from localreg.live.compiling import Compiling
 from localreg.live.config import EmulatorConfig, RunConfig
 from localreg.live.database_choice import ChosenDatabase, choose_database, sample_clips
 from localreg.live.health import Health, HealthReport
@@ -62,6 +63,7 @@ def run(
     """
     wearer_of(config, options)
     with contextlib.ExitStack() as stack:
+        compiling = stack.enter_context(Compiling())
         stack.enter_context(_told_warnings(tell))
         recentering = Recentering()
         stack.enter_context(_ended_by_request())
@@ -83,7 +85,9 @@ def run(
             stack.callback(view.close)
             sinks += view.sinks
             chores = ((EVERY, view.refresh),)
-        estimator = _warm_estimator(config.synthesis.method, subject, chosen, tell)
+            if compiling.is_first:
+                view.announce("compiling once for this machine, half a minute to a minute")
+        estimator = _warm_estimator(config.synthesis.method, subject, chosen, tell, compiling)
         if config.emulator is not None:
             config = config.with_port(stack.enter_context(_emulated(config.emulator, config)))
         log = None if recorder is None else TakeRecorder(recorder)
@@ -150,11 +154,14 @@ def _sinks(
 
 
 def _warm_estimator(
-    method: str, subject: Subject, chosen: ChosenDatabase, tell: Tell
+    method: str, subject: Subject, chosen: ChosenDatabase, tell: Tell, compiling: Compiling
 ) -> AnyEstimator:
-    tell("warming up; the first time on a machine this compiles for a minute or two")
+    if compiling.is_first:
+        tell("compiling once for this machine, half a minute to a minute")
     estimator = build_estimator(method, subject, chosen.poses)
+    compiling.wait()
     seconds = warm_up(estimator)
+    compiling.finish()
     tell(f"learning from {len(chosen.poses):,} poses; warmed up in {seconds:.1f} s")
     return estimator
 

@@ -1,7 +1,10 @@
 """The view of a run: which one, its process, its buttons, and what it is told."""
 
+import threading
+import time
 from collections.abc import Callable
 from typing import Final, Literal, Self
+from urllib.parse import urlsplit
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -16,24 +19,31 @@ from localreg.live.sinks.base import LivePose, Sink
 from localreg.live.sinks.view import GhostAt, ViewSink
 from localreg.live.takes import Takes
 from localreg.live.view_options import ViewOptions
-from localreg.view.feed import About
+from localreg.view.feed import About, Glimpse
 from localreg.view.moment import Heard, Timing
 from localreg.view.process import ViewProcess
 from localreg.view.source import Command
 from sensors.devices.base import Device
 from sensors.errors import SensorError
+from sensors.pose import TrackerFrame
 from sensors.recording import Recorder
 from sensors.stream import FrameStream
 
 EVERY: Final = 0.25
 """How often the view is told what changes slowly [s]."""
 
+PAUSES: Final = (1.0, 3.0, 10.0, 30.0)
+"""After what time a view that died is begun again, the first time and so on [s]."""
+
+_FORGIVEN: Final = 600.0  # a view that lasted so long may die as often as a new one [s]
 _RECENT: Final = 2400
 _SEARCH_EVERY: Final = 2  # of these times clips are looked for
 
 
 class LiveView:
     """Begins at once and in the background; `wait` when it is needed.
+
+    Should its process die once it was seen, it is begun again, a few times.
 
     Args:
         options: page or window, and where.
@@ -77,7 +87,12 @@ class LiveView:
             self._do["recenter"] = recenter
         self._note = ""
         self._options, self._subject = options, subject
-        self._process = self._begin(options.kind)
+        self._kind: Literal["web", "native"] = options.kind
+        self._port = options.port
+        self._changing, self._is_over = threading.RLock(), threading.Event()
+        self._left: list[ViewProcess] = []
+        self._deaths, self._since = 0, time.monotonic()
+        self._process = self._begin()
         self._sink = ViewSink(self._process, ghost_at or self._example_at)
         self._watched: _Watched | None = None
         self._turn = 0
@@ -111,9 +126,12 @@ class LiveView:
                 raise
             self._tell(f"{error}; a page will do")
             self._process.close()
-            self._process = self._sink.process = self._begin("web")
+            self._kind = "web"
+            self._process = self._sink.process = self._begin()
             where, is_open = self._process.wait()
         self._tell(f"view: {where}")
+        if self._kind == "web":
+            self._port = urlsplit(where).port  # where open pages look for one that comes again
         if is_open:
             self._tell(
                 "warning: the view is open to every machine that reaches this address; whoever "
@@ -167,26 +185,82 @@ class LiveView:
             )
         )
 
+    def announce(self, words: str, title: str = "") -> None:
+        """Show some words above all else until the first `refresh`.
+
+        Args:
+            words: what has to be known, for example that something is being compiled.
+            title: what is being shown.
+        """
+        self._process.tell(About(title=title, notice=words))
+
+    def show(self, index: int, at: float, qpos: Float[ndarray, "63"]) -> None:
+        """Show a body that no tracker has been heard for, before the first pose is live.
+
+        Args:
+            index: number of the frame.
+            at: its instant [s].
+            qpos: the body.
+        """
+        count = len(self._subject.trackers)
+        quaternions = np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
+        unseen = np.zeros(count, dtype=bool)
+        frame = TrackerFrame(at, np.zeros((count, 3)), quaternions, unseen, unseen)
+        self._process.show(Glimpse(index, frame, qpos, float("nan"), False, False, None))
+
     def close(self) -> None:
         """End the view, and finish what its buttons began. Doing so twice is no error."""
-        self._process.close()
+        self._is_over.set()
+        with self._changing:
+            for process in (self._process, *self._left):
+                process.close()
         self._takes.close()
 
     def _example_at(self, live: LivePose) -> Float[ndarray, "63"] | None:
         watched = self._watched
         return None if watched is None else watched.example.at(live.pose.qpos, live.frame.time)
 
-    def _begin(self, kind: Literal["web", "native"]) -> ViewProcess:
+    def _begin(self) -> ViewProcess:
         return ViewProcess(
             self._subject,
-            kind,
+            self._kind,
             host=self._options.host,
-            port=self._options.port,
+            port=self._port,
             takes=self._options.takes,
             commands=tuple(self._do),
             on_command=self._obey,
-            on_end=self._tell,
+            on_end=self._ended,
         )
+
+    def _ended(self, code: int) -> None:
+        """Begin again what died; called in a thread of the process that has ended."""
+        if code == 0:
+            self._tell("the view was closed; the motion goes on without it")
+            return
+        if time.monotonic() - self._since > _FORGIVEN:
+            self._deaths = 0
+        while self._deaths < len(PAUSES):
+            pause = PAUSES[self._deaths]
+            self._deaths += 1
+            self._tell(f"the view died and begins again in {pause:g} s; the motion goes on")
+            if self._is_over.wait(pause) or self._is_seen_again():
+                return
+        self._tell("the view died too often; the motion goes on without it")
+
+    def _is_seen_again(self) -> bool:
+        """Whether another process can be seen, or none is wanted any more."""
+        with self._changing:
+            if self._is_over.is_set():
+                return True
+            # The loop may be writing to the old one just now, so it is closed with all else.
+            self._left.append(self._process)
+            self._since = time.monotonic()
+            self._process = self._sink.process = self._begin()
+        try:
+            self._process.wait()
+        except LocalregError:
+            return self._is_over.is_set()
+        return True
 
     def _obey(self, name: Command) -> None:
         self._note = ""

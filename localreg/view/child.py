@@ -64,6 +64,11 @@ class LiveSource(Source):
         return self._about.note
 
     @property
+    def notice(self) -> str:
+        """What the run wants to be read first."""
+        return self._about.notice
+
+    @property
     def is_recording(self) -> bool:
         """Whether a take is being recorded."""
         return self._about.is_recording

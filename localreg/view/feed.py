@@ -113,6 +113,7 @@ class About:
         title: what is being played.
         ghost_name: what the ghost is.
         note: the last thing that a button brought about.
+        notice: what stands above all else, such as that no pose is live yet.
         is_recording: whether a take is being recorded.
     """
 
@@ -122,6 +123,7 @@ class About:
     title: str = ""
     ghost_name: str = ""
     note: str = ""
+    notice: str = ""
     is_recording: bool = False
 
     def to_bytes(self) -> bytes:
@@ -137,6 +139,7 @@ class About:
             "title": self.title,
             "ghost_name": self.ghost_name,
             "note": self.note,
+            "notice": self.notice,
             "is_recording": self.is_recording,
         }  # fmt: skip
         return json.dumps(_without_nan(document), allow_nan=False).encode()
@@ -161,6 +164,7 @@ class About:
             title=document["title"],
             ghost_name=document["ghost_name"],
             note=document["note"],
+            notice=document["notice"],
             is_recording=document["is_recording"],
         )
 

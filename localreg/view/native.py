@@ -188,7 +188,7 @@ class _Window:
 def _texts(moment: Moment, controls: Controls, source: Source) -> list[Any]:
     """What is written into the window: title and time above, keys below."""
     grid, font = mujoco.mjtGridPos, mujoco.mjtFontScale.mjFONTSCALE_150
-    words = [moment.title] if moment.title else []
+    words = [line for line in (source.notice, moment.title) if line]
     figures = []
     deck = source.transport
     if deck is not None:

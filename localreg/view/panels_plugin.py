@@ -23,6 +23,13 @@ WIDTH: Final = 360.0
 """Of the side window [pixels]."""
 
 _MARGIN: Final = 10.0
+_NOTICE: Final = imgui.Vec4(1.0, 0.85, 0.45, 1.0)
+_BARE: Final = (
+    int(imgui.WindowFlags.NoDecoration)
+    | int(imgui.WindowFlags.AlwaysAutoResize)
+    | int(imgui.WindowFlags.NoInputs)
+    | int(imgui.WindowFlags.NoSavedSettings)
+)
 
 
 class BodyPlugin(plugin.ViewerPlugin):
@@ -95,3 +102,15 @@ class BodyPlugin(plugin.ViewerPlugin):
                     panel.draw(self._desk)
                     imgui.PopID()
         imgui.End()
+        if self._desk.source.notice:
+            _show_notice(self._desk.source.notice, size.x)
+
+
+def _show_notice(words: str, width: float) -> None:
+    """A line above the body, in the middle of what the side window leaves."""
+    middle = imgui.Vec2(0.5 * (width + WIDTH + _MARGIN), 2.0 * _MARGIN)
+    imgui.SetNextWindowPos(middle, imgui.Cond.Always, imgui.Vec2(0.5, 0.0))
+    imgui.SetNextWindowBgAlpha(0.85)
+    imgui.Begin("notice", flags=_BARE)
+    imgui.TextColored(_NOTICE, words)
+    imgui.End()

@@ -38,7 +38,8 @@ class ViewProcess:
         takes: folder of files that somebody asks for on the page.
         commands: what buttons may ask for.
         on_command: called with what a button asked for, in a thread of its own.
-        on_end: called with the reason if the view ends before it is closed.
+        on_end: called with its exit code if the view ends before it is closed: 0 if somebody
+            closed a window, else it died.
     """
 
     def __init__(
@@ -51,7 +52,7 @@ class ViewProcess:
         takes: Path = Path("takes"),
         commands: Collection[Command] = (),
         on_command: Callable[[Command], None] = lambda name: None,
-        on_end: Callable[[str], None] = lambda reason: None,
+        on_end: Callable[[int], None] = lambda code: None,
     ) -> None:
         self._on_command, self._on_end = on_command, on_end
         self._commands = frozenset(commands)
@@ -163,4 +164,4 @@ class ViewProcess:
         was_seen = "ready" in self._answer
         self._answered.set()
         if was_seen and not self._is_closing:
-            self._on_end("the view ended; the motion goes on without it")
+            self._on_end(self._process.wait())

@@ -45,6 +45,11 @@ class Source(ABC):
         return ""
 
     @property
+    def notice(self) -> str:
+        """What stands above all else, such as that no pose is live yet; mostly empty."""
+        return ""
+
+    @property
     def is_recording(self) -> bool:
         """Whether a take is being recorded."""
         return False

@@ -81,6 +81,11 @@ class Playlist:
         row = min(max(round(t * self.rate), 0), self.rows - 1)
         return int(np.searchsorted(self.starts, row, side="right")) - 1
 
+    def pose(self, row: int) -> Float[ndarray, "63"]:
+        """The true pose of a row."""
+        clip = int(np.searchsorted(self.starts, row, side="right")) - 1
+        return self.clips[clip].qpos[row - self.starts[clip]]
+
     def truth(self, clip: int, times: Float[ndarray, " frames"]) -> Float[ndarray, "frames 63"]:
         """The true poses of a clip at any instants, between its frames too.
 

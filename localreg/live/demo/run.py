@@ -13,8 +13,10 @@ from rich.console import Console
 from localreg.database.store import DEFAULT_RATE, PoseDatabase
 from localreg.errors import LocalregError
 from localreg.evaluation.results import Settings, program_version
+from localreg.live.compiling import Compiling
 from localreg.live.demo.faults import bad_day
 from localreg.live.demo.playlist import Playlist
+from localreg.live.demo.preview import Preview
 from localreg.live.demo.scores import LiveScore, score, with_counts
 from localreg.live.demo.show import REFRESH, ProgressLine
 from localreg.live.demo.view import DemoView
@@ -103,6 +105,7 @@ def run_demo(
     folder: Path,
     console: Console,
     seen: ViewOptions | None = None,
+    compiling: Compiling | None = None,
 ) -> DemoRun:
     """Play motions, each left out of the database while it plays.
 
@@ -115,7 +118,9 @@ def run_demo(
         config: settings.
         folder: where the motion file goes; it exists.
         console: for what is said meanwhile.
-        seen: where the body is to be seen; by default nowhere.
+        seen: where the body is to be seen; by default nowhere. The clips are shown as they
+            were recorded until the first pose is live.
+        compiling: what is being compiled beside; closing it is the caller's.
 
     Raises:
         LocalregError: nothing can be played, not one pose came, or the view cannot begin.
@@ -127,13 +132,12 @@ def run_demo(
         file = Path(scratch) / "walks.npz"
         playlist.playback().save(file)
         with (
-            EmulatorProcess(file, arguments) as emulator,
             _begun(seen, playlist, console) as view,
+            EmulatorProcess(file, arguments) as emulator,
         ):
-            database = _database(motions, playlist, console)
-            estimators = _warm_estimators(database, playlist, config.method, console)
-            if view is not None:
-                view.wait()
+            with _waiting(playlist, view, compiling, console):
+                database = PoseDatabase.build(motions, rate=playlist.rate, mirror=True)
+                estimators = _warm_estimators(database, playlist, config.method, console, compiling)
             return _play(playlist, database, estimators, emulator, config, folder, console, view)
 
 
@@ -161,24 +165,49 @@ def _emulator_arguments(config: DemoConfig, playlist: Playlist) -> list[str]:
     return arguments
 
 
-def _database(motions: Sequence[Motion], playlist: Playlist, console: Console) -> PoseDatabase:
-    with console.status("building the database"):
-        return PoseDatabase.build(motions, rate=playlist.rate, mirror=True)
+@contextlib.contextmanager
+def _waiting(
+    playlist: Playlist, view: DemoView | None, compiling: Compiling | None, console: Console
+) -> Iterator[None]:
+    """Something to see, and words on what is done, while the database is learned from."""
+
+    def progress() -> str:
+        if compiling is None or not compiling.is_first:
+            return "learning from the database"
+        return compiling.progress()
+
+    if compiling is not None and compiling.is_first:
+        console.print(
+            "compiling once for this machine, half a minute to a minute; until then the view "
+            "shows the walk as it was recorded",
+            highlight=False, soft_wrap=True,
+        )  # fmt: skip
+    with (
+        console.status(progress()) as status,
+        Preview(playlist, view, progress, status.update),
+    ):
+        yield
 
 
 def _warm_estimators(
-    database: PoseDatabase, playlist: Playlist, method: str, console: Console
+    database: PoseDatabase,
+    playlist: Playlist,
+    method: str,
+    console: Console,
+    compiling: Compiling | None,
 ) -> tuple[AnyEstimator, ...]:
     """For every clip of the list an estimator that must not look at it, compiled."""
-    with console.status("learning from the database"):
-        everything = build_estimator(method, playlist.subject, database)
-        without: dict[str, AnyEstimator] = {}
-        for clip in playlist.clips:
-            name = clip.provenance.name
-            if name not in without:
-                without[name] = everything.leave_out(database.exclude(clip=name))
-    with console.status("warming up (compiling; a minute or two the first time)"):
-        seconds = warm_up(without[playlist.clips[0].provenance.name])
+    everything = build_estimator(method, playlist.subject, database)
+    without: dict[str, AnyEstimator] = {}
+    for clip in playlist.clips:
+        name = clip.provenance.name
+        if name not in without:
+            without[name] = everything.leave_out(database.exclude(clip=name))
+    if compiling is not None:
+        compiling.wait()
+    seconds = warm_up(without[playlist.clips[0].provenance.name])
+    if compiling is not None:
+        compiling.finish()
     console.print(
         f"database of {len(database):,} poses at {database.rate:g} Hz; "
         f"warmed up in {seconds:.1f} s",

@@ -1,15 +1,18 @@
 """`localreg run --view web`, as a child process: what is served, and for how long."""
 
 import http.client
+import os
 import re
 import signal
 from pathlib import Path
 
+import numpy as np
 import pytest
 from websockets.sync.client import connect
 from websockets.typing import Origin
 
 from localreg.body.subject import canonical_subject
+from localreg.live import viewing
 from localreg.live.config_files import find_config
 from localreg.live.view_options import ViewOptions, usual_kind
 from localreg.live.viewing import LiveView
@@ -75,3 +78,39 @@ def test_a_page_for_everybody_is_warned_of(host: str, tmp_path: Path):
     assert [words.startswith("warning: the view is open") for words in told[1:]] == (
         [True] if host == EVERYWHERE else []
     )
+
+
+def test_a_view_that_is_killed_begins_again_where_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(viewing, "PAUSES", (0.1, 0.2))
+    told: list[str] = []
+    options = ViewOptions("web", "127.0.0.1", 0, tmp_path)
+    with LiveView(options, canonical_subject(), 40.0, told.append) as view:
+        url = view.wait()
+        seen = [view.pid]
+        for _ in viewing.PAUSES:
+            os.kill(seen[-1], signal.SIGKILL)
+            eventually(lambda: view.pid not in seen and answers(url), "the page")
+            seen.append(view.pid)
+            view.show(1, 0.0, np.zeros(63))
+            view.announce("here again")
+        os.kill(seen[-1], signal.SIGKILL)
+        eventually(lambda: told[-1].startswith("the view died too often"), "the last word")
+    assert not any(Path(f"/proc/{pid}").exists() for pid in seen)
+    assert [words[:38] for words in told] == [
+        f"view: {url}",
+        *["the view died and begins again in 0.1 ", "the view died and begins again in 0.2 "],
+        told[-1][:38],
+    ]
+
+
+def answers(url: str) -> bool:
+    page = http.client.HTTPConnection(url.split("/")[2], timeout=PATIENCE)
+    try:
+        page.request("GET", "/")
+        return page.getresponse().status == 200
+    except OSError:
+        return False
+    finally:
+        page.close()

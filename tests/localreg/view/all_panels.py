@@ -61,6 +61,10 @@ class Swaying(Source):
         return "recording take.bvh"
 
     @property
+    def notice(self) -> str:
+        return "nobody is tracked"
+
+    @property
     def is_recording(self) -> bool:
         return True
 
