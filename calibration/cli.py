@@ -128,13 +128,26 @@ def run(
     ] = None,
     seed: Seed = 0,
     yes: Annotated[bool, typer.Option("--yes", help="Begin without waiting for a key.")] = False,
+    motion: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SECONDS",
+            min=0.0,
+            max=600.0,
+            help="Walk about for so long after the poses; 0 for not at all. Default: 60, of a "
+            "simulated person 20, after --quick 0.",
+            show_default=False,
+        ),
+    ] = None,
+    database: Database = None,
 ) -> None:
-    """Lead a person through eight poses and write the subject file.
+    """Lead a person through eight poses and a minute of motion, and write the subject file.
 
     Stand where all trackers are seen, press Enter and follow the pictures. Each pose is
-    recorded once you hold still; the terminal rings. What is recorded survives a crash:
-    begin again with the same --out to go on. Wrong poses, exchanged or slipped trackers and
-    wrong units are named.
+    recorded once you hold still; the terminal rings. Then walk about as you like: poses and
+    motion together tell lengths and mounts better than poses alone (s skips it). What is
+    recorded survives a crash: begin again with the same --out to go on. Wrong poses, exchanged
+    or slipped trackers and wrong units are named.
     """
     from calibration import run_command
 
@@ -156,6 +169,8 @@ def run(
             mistakes=tuple(mistake or ()),
             seed=seed,
             yes=yes,
+            motion=motion,
+            database=database,
         )
     )
 
@@ -168,9 +183,9 @@ def height(
     name: Name = "me",
 ) -> None:
     """Guess a body from its height alone, for the impatient: mounts stay the default ones."""
-    from calibration import run_command
+    from calibration import people_commands
 
-    run_command.height_only(metres, out, skeletons, name)
+    people_commands.height_only(metres, out, skeletons, name)
 
 
 @app.command()
@@ -185,9 +200,9 @@ def poses(
     skeletons: Skeletons = None,
 ) -> None:
     """Show the eight poses in words, draw them, or show what they tell."""
-    from calibration import run_command
+    from calibration import people_commands
 
-    run_command.show_poses(png, information, skeletons)
+    people_commands.show_poses(png, information, skeletons)
 
 
 @app.command()

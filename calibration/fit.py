@@ -7,7 +7,8 @@ posterior covariance, gamma = n - tr C of them are known from measurements, and
     sigma^2 <- sigma^2 |d|^2 / gamma
 
 is the fixed point of the evidence (MacKay, "Bayesian interpolation", 1992). The same for the
-feet that should not have moved.
+feet that should not have moved. In the end lengths and mounts go to the greatest density of
+their own (`marginal`).
 """
 
 from collections.abc import Sequence
@@ -24,6 +25,7 @@ from scipy.spatial.transform import Rotation
 from calibration.anthropometry import GROUP_COUNT
 from calibration.eigen_skeleton import SkeletonPrior, average_subject
 from calibration.holds import Hold, whitener
+from calibration.marginal import to_marginal
 from calibration.model import FEET, Beliefs, CalibrationModel, Holds, Linearized, Problem, Start
 from calibration.poses import TargetPose
 from calibration.solver import Posterior, linearize_at, posterior, solve
@@ -185,6 +187,9 @@ def fit(session: Session, prior: SkeletonPrior, settings: FitSettings | None = N
         local = x[model.shared_size :].reshape(len(whole.holds), -1)
         local[:, 6:] /= ratio
         pose_sigma, plant_sigma = new
+    x = to_marginal(problem, x)
+    linear = linearize_at(problem, jnp.asarray(x))
+    after = posterior(linear)
     x = x[: model.shared_size + count * model.local_size]
     start = Start(start.roots[:count], start.mounts, start.spots)
     problem = Problem(model, jax.tree.map(lambda a: a[:count], holds), beliefs, start)

@@ -8,10 +8,12 @@ from typing import Protocol, runtime_checkable
 
 from calibration.eigen_skeleton import SkeletonPrior
 from calibration.holds import Hold
+from calibration.motion_step import NAME
 from calibration.poses import TargetPose
-from calibration.progress import write_progress
+from calibration.progress import write_motion, write_progress
 from calibration.screening import PoseJudge
-from calibration.wizard import Event, Snapshot, State, Wizard
+from calibration.wizard import Wizard
+from calibration.wizard_state import Event, Snapshot, State
 from localreg.body.subject import Mount
 from localreg.errors import LocalregError
 from sensors.pose import TrackerFrame
@@ -19,6 +21,7 @@ from sensors.stream import FrameStream
 
 _POLL = 0.05
 _NO_DATA = 20.0
+_WORTH_SAVING = (Event.RECORDED, Event.COLLECTED, Event.FINISHED)
 
 
 @runtime_checkable
@@ -38,7 +41,8 @@ class Hooks:
     """What else is told of the wizard's way.
 
     Attributes:
-        asked: told the name of the pose that is asked for, and whether anew.
+        asked: told the name of the pose (or `motion_step.NAME`) that is asked for, and
+            whether anew.
     """
 
     asked: Callable[[str, bool], None] = lambda name, again: None
@@ -63,7 +67,7 @@ def lead(
     progress: Path | None = None,
     hooks: Hooks | None = None,
 ) -> tuple[Hold, ...]:
-    """Run the wizard until all poses are recorded.
+    """Run the wizard until all that it asks for is recorded.
 
     Keys: space or Enter begins and pauses, `b` goes back, `s` skips, `q` leaves.
 
@@ -71,7 +75,7 @@ def lead(
         wizard: in any state.
         stream: of running devices.
         view: draws and takes keys.
-        progress: file that is replaced after every recorded pose.
+        progress: file that is replaced after every recorded pose; motion goes beside it.
         hooks: who else is told.
 
     Raises:
@@ -84,8 +88,8 @@ def lead(
         _obey(wizard, view.key(), progress)
         if wizard.state is State.DONE:
             break
-        if wizard.pose is not None and wizard.state is not State.READY:
-            hooks.asked(wizard.pose.name, False)
+        if wizard.state is not State.READY:
+            hooks.asked(NAME if wizard.pose is None else wizard.pose.name, False)
         assembled = stream.next(_POLL)
         if assembled is None:
             if time.monotonic() - heard > _NO_DATA:
@@ -97,12 +101,20 @@ def lead(
         heard = time.monotonic()
         asked = wizard.pose
         event = wizard.push(assembled.frame)
-        if event in (Event.RECORDED, Event.FINISHED) and progress is not None:
-            write_progress(progress, wizard.holds, wizard.trackers)
+        if event in _WORTH_SAVING:
+            _save(wizard, progress)
         if event is Event.REFUSED and asked is not None:
             hooks.asked(asked.name, True)
         view.show(wizard.snapshot(), event, assembled.frame)
     return wizard.holds
+
+
+def _save(wizard: Wizard, progress: Path | None) -> None:
+    if progress is None:
+        return
+    write_progress(progress, wizard.holds, wizard.trackers)
+    if wizard.motion is not None and wizard.motion.stretches:
+        write_motion(progress, wizard.motion.stretches, wizard.trackers)
 
 
 def _obey(wizard: Wizard, key: str, progress: Path | None) -> None:
@@ -113,10 +125,10 @@ def _obey(wizard: Wizard, key: str, progress: Path | None) -> None:
             wizard.pause()
     elif key == "b":
         wizard.back()
-        if progress is not None:
-            write_progress(progress, wizard.holds, wizard.trackers)
+        _save(wizard, progress)
     elif key == "s":
         wizard.skip()
     elif key in ("q", "\x03"):
+        _save(wizard, progress)
         kept = f"; what is recorded is kept in {progress}" if progress is not None else ""
         raise LeftEarlyError(f"left before the end{kept}")

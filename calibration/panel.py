@@ -16,10 +16,13 @@ from jaxtyping import Float
 from mujoco.studio.dear_imgui import dear_imgui as imgui
 from numpy import ndarray
 
+from calibration import motion_step
 from calibration.eigen_skeleton import published_prior
 from calibration.holds import Hold
+from calibration.motion_step import MotionStep, Stretches
 from calibration.poses import EIGHT_POSES, TargetPose
-from calibration.wizard import State, Wizard, WizardSettings
+from calibration.wizard import Wizard
+from calibration.wizard_state import State, WizardSettings
 from localreg.body.subject import Mount, write_subject
 from localreg.errors import LocalregError
 from localreg.view.cameras import heading
@@ -38,18 +41,24 @@ _TITLES: Final = {
     State.READY: "paused",
     State.MOVING: "take the pose",
     State.HOLDING: "hold still",
-    State.DONE: "all poses are recorded",
+    State.WALKING: "move about",
+    State.DONE: "all is recorded",
 }
 
 Fitted = tuple["Calibration | None", tuple[str, ...], tuple[str, ...]]
 """What was found of the person, what was amiss in words, and the poses to repeat."""
 
-Fitting = Callable[[Sequence[Hold], tuple[Mount, ...]], Fitted]
+Fitting = Callable[[Sequence[Hold], tuple[Mount, ...], Stretches], Fitted]
 """Makes a person of what was recorded."""
 
 
-def fit_person(holds: Sequence[Hold], mounts: tuple[Mount, ...]) -> Fitted:
+def fit_person(holds: Sequence[Hold], mounts: tuple[Mount, ...], motion: Stretches = ()) -> Fitted:
     """The usual fit; compiles for half a minute the first time.
+
+    Args:
+        holds: of the poses.
+        mounts: which tracker on which bone.
+        motion: what followed, judged by the poses of the sample set.
 
     Raises:
         LocalregError: it does not come to a result.
@@ -58,7 +67,13 @@ def fit_person(holds: Sequence[Hold], mounts: tuple[Mount, ...]) -> Fitted:
 
     outcome = calibrate(holds, mounts, published_prior())
     texts = tuple(finding.text for finding in outcome.findings)
-    return outcome.calibration, texts, outcome.repeat
+    found = outcome.calibration
+    if found is not None and motion and not outcome.repeat:
+        from calibration.with_motion import with_motion
+        from localreg.live.database_choice import choose_database
+
+        found = with_motion(found, motion, choose_database(None).poses)
+    return found, texts, outcome.repeat
 
 
 class WizardPanel(Panel):
@@ -68,6 +83,7 @@ class WizardPanel(Panel):
         poses: in their order.
         settings: times and patience.
         fitting: makes a person of what was recorded.
+        motion: how much motion follows the poses [s].
     """
 
     title = "Calibration"
@@ -77,7 +93,9 @@ class WizardPanel(Panel):
         poses: Sequence[TargetPose] = EIGHT_POSES,
         settings: WizardSettings | None = None,
         fitting: Fitting = fit_person,
+        motion: float = 60.0,
     ) -> None:
+        self._seconds = motion
         self._poses, self._settings, self._fitting = tuple(poses), settings, fitting
         self._fit: threading.Thread | None = None
         self.wizard: Wizard | None = None
@@ -100,8 +118,9 @@ class WizardPanel(Panel):
 
     def begin(self, desk: Desk) -> None:
         """Ask for the poses, from the first."""
-        trackers = desk.source.subject.trackers
-        self.wizard = Wizard(self._poses, trackers, settings=self._settings)
+        subject = desk.source.subject
+        motion = MotionStep.of(subject.mounts, self._seconds)
+        self.wizard = Wizard(self._poses, subject.trackers, settings=self._settings, motion=motion)
         self.wizard.go()
         self.words = ""
 
@@ -131,8 +150,8 @@ class WizardPanel(Panel):
         wizard = self.wizard
         if wizard is None:
             imgui.TextWrapped(
-                f"{len(self._poses)} poses, a few seconds each, tell this person's lengths and "
-                "where the trackers sit."
+                f"{len(self._poses)} poses, a few seconds each, and {self._seconds:.0f} s of "
+                "walking about tell this person's lengths and where the trackers sit."
             )
             if imgui.Button("recalibrate"):
                 self.begin(desk)
@@ -149,6 +168,10 @@ class WizardPanel(Panel):
             imgui.SeparatorText(f"pose {seen.number} of {seen.total}: {seen.pose.name}")
             for part, words in zip(("legs", "arms", "head"), seen.pose.words, strict=True):
                 imgui.TextWrapped(f"{part}: {words}")
+        elif seen.state is not State.DONE:
+            imgui.SeparatorText(motion_step.NAME)
+            imgui.TextWrapped(motion_step.WORDS)
+            imgui.TextWrapped(motion_step.told(seen.left, seen.stiff))
         imgui.ProgressBar(seen.held, imgui.Vec2(-1.0, 0.0), _TITLES[seen.state])
         if imgui.Button("go" if seen.state is State.READY else "pause"):
             (wizard.go if seen.state is State.READY else wizard.pause)()
@@ -178,7 +201,8 @@ class WizardPanel(Panel):
 
     def _run_fit(self, wizard: Wizard, mounts: tuple[Mount, ...], folder: Path) -> None:
         try:
-            found, findings, repeat = self._fitting(wizard.holds, mounts)
+            motion = () if wizard.motion is None else wizard.motion.stretches
+            found, findings, repeat = self._fitting(wizard.holds, mounts, motion)
             if found is not None:
                 file = folder / f"subject-{datetime.now():%Y%m%d-%H%M%S}.toml"
                 folder.mkdir(parents=True, exist_ok=True)

@@ -1,7 +1,8 @@
 """A simulated person who follows the wizard's instructions, seen through a real emulator.
 
-The person walks from pose to pose as people do: a moment to read, a smooth move, a hold with
-a little sway. What they hold is wrong by their usual errors. An IS-900 is emulated on a
+The person goes from pose to pose as people do: a moment to read, a smooth move, a hold with
+a little sway. What they hold is wrong by their usual errors. Asked to move about, they play
+recorded motion. An IS-900 is emulated on a
 pseudo terminal, and whoever reads it cannot tell.
 """
 
@@ -13,10 +14,11 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
-from scipy.spatial.transform import Rotation, Slerp
 
+from calibration.motion_step import NAME
 from calibration.poses import TargetPose
 from calibration.simulated import Habits, perform
+from calibration.walk import Walk, between
 from localreg.body.subject import Subject
 from localreg.evaluation.body_points import BodyPoints
 from sensors.emulators.faults import Noise
@@ -37,11 +39,13 @@ class _Move:
         before: pose at the beginning.
         after: pose at the end.
         begin: when it begins [s].
+        walk: what is played from then on, instead of standing still.
     """
 
     before: Float[ndarray, "63"]
     after: Float[ndarray, "63"]
     begin: float
+    walk: Walk | None = None
 
 
 class Performer:
@@ -53,6 +57,7 @@ class Performer:
         habits: errors; another error for every repetition of a pose.
         seed: of everything random.
         mistakes: for a pose's name the pose that is taken instead, the first time.
+        walk: what is done when asked to move about; nothing without.
     """
 
     def __init__(
@@ -62,7 +67,9 @@ class Performer:
         habits: Habits,
         seed: int = 0,
         mistakes: dict[str, TargetPose] | None = None,
+        walk: Walk | None = None,
     ) -> None:
+        self._walk = walk
         self.person = person
         self._names = [pose.name for pose in poses]
         self._poses = list(poses)
@@ -82,6 +89,16 @@ class Performer:
     def ask(self, name: str, again: bool = False) -> None:
         """Take a pose, from where the body is; asking for the present one changes nothing."""
         if name == self._asked and not again:
+            return
+        walk = self._walk if name == NAME else None
+        if name not in self._names and walk is None:
+            return
+        if walk is not None:
+            with self._lock:
+                self._asked = name
+                at = self._qpos(self._now)
+                walk = walk.from_pose(at)
+                self._move = _Move(at, walk.at(0.0), self._now + _REACTION, walk)
             return
         attempt = self._attempts.get(name, 0)
         self._attempts[name] = attempt + 1
@@ -112,11 +129,10 @@ class Performer:
 
     def _qpos(self, t: float) -> Float[ndarray, "63"]:
         move = self._move
-        share = float(np.clip((t - move.begin) / _MOVE, 0.0, 1.0))
-        share = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)  # least jerk
-        qpos = (1.0 - share) * move.before + share * move.after
-        ends = Rotation.from_quat([move.before[3:7], move.after[3:7]], scalar_first=True)
-        qpos[3:7] = Slerp([0.0, 1.0], ends)(share).as_quat(scalar_first=True)
+        gone = t - move.begin
+        if move.walk is not None and gone > _MOVE:
+            return move.walk.at(gone - _MOVE)
+        qpos = between(move.before, move.after, gone / _MOVE)
         phase = 2.0 * np.pi * t / _SWAY_PERIOD
         qpos[:2] += _SWAY * np.array([np.sin(phase), np.cos(0.7 * phase)])
         return qpos

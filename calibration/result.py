@@ -162,8 +162,8 @@ def summarize(
     chi_square = 2.0 * found.cost / degrees_of_freedom(found, session)
     mounts = tuple(
         MountEstimate(
-            mount.tracker, mount.bone, _three(position_sd[j]), _three(orientation_sd[j]),
-            _three(shares[j]),
+            mount.tracker, mount.bone, three(position_sd[j]), three(orientation_sd[j]),
+            three(shares[j]),
         )
         for j, mount in enumerate(session.trackers)
     )  # fmt: skip
@@ -177,12 +177,12 @@ def summarize(
         length_sd=bone_lengths(groups * np.sqrt(np.diag(covariance))),
         position_sd={m.tracker: m.position_sd for m in mounts},
         orientation_sd={m.tracker: m.orientation_sd for m in mounts},
-        observable=_observable(lengths),
+        observable=observable_bones(lengths),
         notes=tuple(notes),
     )
     positions, quaternions = np.asarray(outputs.positions), np.asarray(outputs.quaternions)
     worn = tuple(
-        Mount(m.tracker, m.bone, _three(positions[j]), _four(quaternions[j]))
+        Mount(m.tracker, m.bone, three(positions[j]), _four(quaternions[j]))
         for j, m in enumerate(session.trackers)
     )
     subject = replace(subject_of(name, groups), mounts=worn, calibration=record)
@@ -278,7 +278,8 @@ def _length(
     )
 
 
-def _observable(lengths: Sequence[Length]) -> tuple[str, ...]:
+def observable_bones(lengths: Sequence[Length]) -> tuple[str, ...]:
+    """The bones of lengths that trackers tell."""
     told = {part for length in lengths if length.is_observable for part in REPORTED[length.name]}
     groups = group_of_bone()
     return tuple(
@@ -286,7 +287,8 @@ def _observable(lengths: Sequence[Length]) -> tuple[str, ...]:
     )
 
 
-def _three(values: Float[ndarray, "3"]) -> tuple[float, float, float]:
+def three(values: Float[ndarray, "3"]) -> tuple[float, float, float]:
+    """As a subject's file has it."""
     x, y, z = (float(value) for value in values)
     return x, y, z
 

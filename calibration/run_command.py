@@ -1,51 +1,40 @@
-"""What `localreg calibrate run`, `height` and `poses` do."""
+"""What `localreg calibrate run` does."""
 
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
 import numpy as np
-import typer
 from rich.console import Console
-from rich.table import Table
 
-from calibration.anthropometry import NINE_BONES, length_of
 from calibration.calibrate import Outcome, calibrate
-from calibration.eigen_skeleton import (
-    SkeletonPrior,
-    bone_lengths,
-    find_skeletons,
-    learn,
-    published_prior,
-    subject_of,
-)
+from calibration.eigen_skeleton import SkeletonPrior
 from calibration.knowledge import known_file, write_knowledge
 from calibration.live import Hooks, lead, make_judge
-from calibration.observability import expected_deviations, information
-from calibration.pictures import draw_poses
-from calibration.poses import EIGHT_POSES, NAIVE_POSES, TargetPose, mirrored, with_swapped
-from calibration.progress import read_progress, write_progress
-from calibration.report import (
-    findings_lines,
-    lengths_table,
-    mounts_table,
-    poses_table,
-    summary_lines,
-)
-from calibration.result import QUANTILE_90, relative_deviation
+from calibration.motion_step import MotionStep
+from calibration.people_commands import people
+from calibration.poses import EIGHT_POSES, TargetPose, mirrored, with_swapped
+from calibration.progress import forget, read_motion, read_progress, write_progress
+from calibration.report import findings_lines, lengths_table, mounts_table, summary_lines
 from calibration.setup import Source, configured, simulated
 from calibration.simulated import Habits
 from calibration.terminal import TerminalView
-from calibration.wizard import Wizard, WizardSettings, check_names
-from localreg.body.subject import CalibrationRecord, Subject, read_subject, write_subject
-from localreg.commands.console import notes, output
+from calibration.with_motion import with_motion
+from calibration.wizard import Wizard, check_names
+from calibration.wizard_state import WizardSettings
+from localreg.body.subject import read_subject, write_subject
+from localreg.commands.console import notes, output, progress_bar
 from localreg.errors import LocalregError
+from localreg.live.database_choice import choose_database
 
 _ROUNDS: Final = 2
 """How often the person is asked to repeat what the fit found wrong."""
+
+_MOTION: Final = 60.0
+_SIMULATED_MOTION: Final = 20.0
+"""How much motion follows the poses if nobody says [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,12 +57,17 @@ class RunOptions:
     mistakes: tuple[str, ...] = ()
     seed: int = 0
     yes: bool = False
+    motion: float | None = None
+    database: Path | None = None
 
-
-def people(skeletons: Path | None, height: float | None = None) -> SkeletonPrior:
-    """What lengths are likely: of the table, of files, at a height."""
-    prior = published_prior() if skeletons is None else learn(find_skeletons(skeletons))
-    return prior if height is None else prior.at_stature(height)
+    @property
+    def motion_seconds(self) -> float:
+        """How much motion follows the poses [s]."""
+        if self.motion is not None:
+            return self.motion
+        if self.quick:
+            return 0.0
+        return _MOTION if self.simulate is None else _SIMULATED_MOTION
 
 
 def run(options: RunOptions) -> None:
@@ -89,14 +83,18 @@ def run(options: RunOptions) -> None:
     prior = people(options.skeletons, options.height)
     file = options.progress or options.out.with_suffix(".progress.json")
     if options.fresh:
-        file.unlink(missing_ok=True)
+        forget(file)
     console = notes()
     with _source(options) as source:
         trackers = tuple(mount.tracker for mount in source.mounts)
         holds = read_progress(file, trackers)
         holds = {name: hold for name, hold in holds.items() if name in {p.name for p in poses}}
+        motion = MotionStep.of(
+            source.mounts, options.motion_seconds, stretches=read_motion(file, trackers)
+        )
         if holds and not options.only:
-            console.print(f"going on after {len(holds)} poses recorded before ({file})")
+            walked = f" and {motion.collected:.0f} s of motion" if motion.stretches else ""
+            console.print(f"going on after {len(holds)} poses{walked} recorded before ({file})")
         for name in options.only:
             holds.pop(name, None)
         wizard = Wizard(
@@ -105,9 +103,18 @@ def run(options: RunOptions) -> None:
             judge=make_judge(EIGHT_POSES, source.mounts, prior),
             settings=WizardSettings(hold=options.hold),
             holds=holds,
+            motion=motion,
         )
         outcome = _led(wizard, source, prior, options, file, console)
         truth = source.truth
+        walked = source.walked
+    if outcome.calibration is not None and motion.stretches:
+        chosen = choose_database(options.database, console.print)
+        with progress_bar("learning from motion") as bar:
+            better = with_motion(
+                outcome.calibration, motion.stretches, chosen.poses, hidden=walked, progress=bar
+            )
+        outcome = replace(outcome, calibration=better)
     _report(outcome, truth, options)
     leave_progress(file, wizard, outcome.repeat)
 
@@ -118,7 +125,7 @@ def leave_progress(file: Path, wizard: Wizard, repeat: Sequence[str]) -> None:
     if repeat and good:
         write_progress(file, good, wizard.trackers)
     else:
-        file.unlink(missing_ok=True)
+        forget(file)
 
 
 def _source(options: RunOptions) -> AbstractContextManager[Source]:
@@ -133,6 +140,7 @@ def _source(options: RunOptions) -> AbstractContextManager[Source]:
         seed=options.seed,
         habits=habits,
         mistakes=dict(_mistake(text) for text in options.mistakes),
+        walk_seconds=options.motion_seconds,
     )
 
 
@@ -202,90 +210,10 @@ def _report(outcome: Outcome, truth: dict[str, float] | None, options: RunOption
         shown.print(line, soft_wrap=True)
     shown.print(f"subject: {options.out}", soft_wrap=True)
     shown.print(
-        f"a minute of ordinary motion makes it better: localreg calibrate refine {options.out}",
-        soft_wrap=True,
+        f"more motion makes it better: localreg calibrate refine {options.out}", soft_wrap=True
     )
     if outcome.repeat:
         names = ", ".join(outcome.repeat)
         shown.print(
             f"better still: the same command without --fresh asks for {names} again", soft_wrap=True
         )
-
-
-def height_only(metres: float, out: Path, skeletons: Path | None, name: str) -> None:
-    """The likeliest person of a height, with honest deviations.
-
-    Raises:
-        LocalregError: nobody is so high, or the file cannot be written.
-    """
-    prior = people(skeletons, metres)
-    subject = guessed_subject(prior, name)
-    write_subject(subject, out)
-    table = Table(title=f"guessed from a height of {metres:.2f} m", title_justify="left")
-    table.add_column("")
-    table.add_column("[cm]", justify="right")
-    table.add_column("90 % within [cm]", justify="right")
-    for label, parts in NINE_BONES.items():
-        value = length_of(parts, prior.lengths)
-        half = QUANTILE_90 * value * relative_deviation(parts, prior.lengths, prior.covariance)
-        table.add_row(label, f"{100 * value:.1f}", f"{100 * half:.1f}")
-    shown = output()
-    shown.print(table)
-    shown.print("tracker mounts are the default ones; eight poses would find them")
-    shown.print(f"subject: {out}", soft_wrap=True)
-
-
-def guessed_subject(prior: SkeletonPrior, name: str) -> Subject:
-    """The average person of a prior, with its deviations on record."""
-    deviations = prior.lengths * np.sqrt(np.diag(prior.covariance))
-    record = CalibrationRecord(
-        date=datetime.now(UTC).isoformat(timespec="seconds"),
-        method="height",
-        lengths_from=prior.sources,
-        length_sd=bone_lengths(deviations),
-    )
-    return replace(subject_of(name, prior.lengths), calibration=record)
-
-
-def show_poses(png: Path | None, with_information: bool, skeletons: Path | None) -> None:
-    """The poses in words, as pictures, or as information.
-
-    Raises:
-        LocalregError: a picture cannot be written.
-    """
-    shown = output()
-    shown.print(poses_table(EIGHT_POSES))
-    if png is not None:
-        with notes().status("drawing"):
-            files, note = draw_poses(EIGHT_POSES, png)
-        for file in files:
-            shown.print(str(file), soft_wrap=True)
-        if note:
-            typer.echo(note, err=True)
-    if with_information:
-        with notes().status("linearizing"):
-            table = information_table(people(skeletons))
-        shown.print(table)
-
-
-def information_table(prior: SkeletonPrior) -> Table:
-    """Expected deviations of the nine lengths: beforehand, after each pose, and naively."""
-    told, believed = information(EIGHT_POSES, prior)
-    naive, _ = information(NAIVE_POSES, prior)
-    table = Table(title="expected standard deviations [%]", title_justify="left")
-    table.add_column("after")
-    for bone in NINE_BONES:
-        table.add_column(bone, justify="right")
-    table.add_column("mean", justify="right")
-
-    def add(name: str, matrix: np.ndarray) -> None:
-        values = 100.0 * expected_deviations(matrix, prior)
-        table.add_row(name, *(f"{value:.1f}" for value in values), f"{values.mean():.1f}")
-
-    add("nothing", believed)
-    known = believed.copy()
-    for number, (pose, more) in enumerate(zip(EIGHT_POSES, told, strict=True), start=1):
-        known = known + more
-        add(f"{number} {pose.name}", known)
-    add("eight naive poses", believed + naive.sum(axis=0))
-    return table

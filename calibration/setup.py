@@ -13,10 +13,12 @@ from calibration.performer import Performer, emulated
 from calibration.poses import TargetPose
 from calibration.result import REPORTED
 from calibration.simulated import Habits, with_random_mounts
+from calibration.walk import Walk
 from localreg.body.subject import Mount, Subject, canonical_subject
 from localreg.errors import LocalregError
 from localreg.live.config import read_run_config
 from localreg.live.config_files import find_config
+from localreg.motion.motion import Motion
 from localreg.motion.sources import read_sources
 from sensors.config import SensorsConfig
 from sensors.devices.is900 import Is900Config
@@ -32,11 +34,13 @@ class Source:
         trackers: the devices, running.
         mounts: which tracker on which bone, in the order of the frames.
         performer: the person, if simulated.
+        walked: recorded motions that a simulated person moves about by.
     """
 
     trackers: TrackerInput
     mounts: tuple[Mount, ...]
     performer: Performer | None = None
+    walked: tuple[Motion, ...] = ()
 
     @property
     def truth(self) -> dict[str, float] | None:
@@ -107,6 +111,7 @@ def simulated(
     habits: Habits | None = None,
     mistakes: dict[str, TargetPose] | None = None,
     worn: Subject | None = None,
+    walk_seconds: float = 0.0,
 ) -> Iterator[Source]:
     """A simulated person behind an emulated IS-900.
 
@@ -117,21 +122,35 @@ def simulated(
         habits: how well poses are held.
         mistakes: for a pose's name the pose that is taken instead, the first time.
         worn: the person itself, mounts and all, instead of the motion's.
+        walk_seconds: how much of the motions the person can do when asked to move about [s].
 
     Raises:
         LocalregError: there is no motion.
     """
     habits = habits or Habits()
     person = worn
+    motions = read_sources([motion])[0] if worn is None or walk_seconds > 0.0 else []
     if person is None:
-        motions, _ = read_sources([motion])
         body = motions[0].subject
         rng = np.random.default_rng(seed)
         defaults = canonical_subject().mounts
         person = with_random_mounts(replace(body, mounts=()), defaults, habits.mount_spread, rng)
-    performer = Performer(person, poses, habits, seed, mistakes)
+    walked = _enough(motions, walk_seconds)
+    walk = Walk.of(walked) if walked else None
+    performer = Performer(person, poses, habits, seed, mistakes, walk)
     with emulated(performer, habits, seed) as emulator:
         stations = {name: number for number, name in enumerate(person.trackers, start=1)}
         config = SensorsConfig(devices=(Is900Config(port=emulator.address, stations=stations),))
         with TrackerInput(config) as trackers:
-            yield Source(trackers, tracker_mounts(person.trackers, person), performer)
+            yield Source(trackers, tracker_mounts(person.trackers, person), performer, walked)
+
+
+def _enough(motions: Sequence[Motion], seconds: float) -> tuple[Motion, ...]:
+    """The first motions that last so long together."""
+    chosen: list[Motion] = []
+    for motion in motions:
+        if sum(m.seconds for m in chosen) >= seconds:
+            break
+        if len(motion) > 1:
+            chosen.append(motion)
+    return tuple(chosen)

@@ -16,9 +16,10 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from calibration import motion_step
 from calibration.poses import TargetPose
 from calibration.sticks import Sticks
-from calibration.wizard import Event, Snapshot, State
+from calibration.wizard_state import Event, Snapshot, State
 from sensors.pose import TrackerFrame
 
 _REFRESH: Final = 0.1
@@ -28,6 +29,7 @@ _TITLES: Final = {
     State.READY: "press Enter or space, then go to your place",
     State.MOVING: "take the pose",
     State.HOLDING: "hold still",
+    State.WALKING: "move about",
     State.DONE: "done",
 }
 
@@ -85,7 +87,7 @@ class TerminalView:
         self._stack = contextlib.ExitStack()
         self._drawn = 0.0
         self._sticks = Sticks()
-        self._asked = ""  # the pose of the snapshot before
+        self._asked: str | None = None  # the pose of the snapshot before; empty for a walk
 
     @property
     def has_keys(self) -> bool:
@@ -110,13 +112,14 @@ class TerminalView:
     def show(self, snapshot: Snapshot, event: Event, frame: TrackerFrame | None) -> None:
         """Draw how things are; events also leave a line behind."""
         if event in (Event.RECORDED, Event.FINISHED):
-            self._say(f"recorded {len(snapshot.recorded)}: {self._asked}")
+            what = f"{len(snapshot.recorded)}: {self._asked}" if self._asked else motion_step.NAME
+            self._say(f"recorded {what}")
             self._console.bell()
         elif event in (Event.REFUSED, Event.TIMED_OUT, Event.BLIND):
             self._say(snapshot.message)
             self._console.bell()
         if self._live is None:
-            self._announce(snapshot)
+            self._announce(snapshot, event)
         else:
             self._draw(self._live, snapshot, event)
         self._asked = "" if snapshot.pose is None else snapshot.pose.name
@@ -130,9 +133,13 @@ class TerminalView:
     def _say(self, words: str) -> None:
         self._console.print(words, highlight=False, markup=False, soft_wrap=True)
 
-    def _announce(self, snapshot: Snapshot) -> None:
-        """Without a terminal: every pose once, in words."""
+    def _announce(self, snapshot: Snapshot, event: Event) -> None:
+        """Without a terminal: every pose once, in words, and how far the walk is."""
         pose = snapshot.pose
+        if snapshot.state is State.WALKING and self._asked != "":
+            self._say(f"{motion_step.WORDS} {_left(snapshot)}")
+        elif event is Event.COLLECTED:
+            self._say(_left(snapshot))
         if pose is None or pose.name == self._asked:
             return
         words = " ".join(pose.words)
@@ -140,32 +147,47 @@ class TerminalView:
 
     def _panel(self, snapshot: Snapshot) -> Panel:
         pose = snapshot.pose
+        if pose is None and snapshot.state is not State.DONE:
+            title = f"after {len(snapshot.recorded)} poses: {motion_step.NAME}"
+            return Panel(_walk(snapshot), title=title, subtitle=_KEYS, width=_WIDTH)
         if pose is None:
             return Panel(Text(snapshot.message), width=_WIDTH)
         body = Table.grid(padding=(0, 2))
         body.add_column(width=28)
         body.add_column(width=_WIDTH - 36)
-        body.add_row(Text(self._sticks.draw(pose), style="cyan"), self._words(snapshot, pose))
+        body.add_row(Text(self._sticks.draw(pose), style="cyan"), _words(snapshot, pose))
         title = f"pose {snapshot.number} of {snapshot.total}: {pose.name}"
         return Panel(body, title=title, subtitle=_KEYS, width=_WIDTH)
 
-    def _words(self, snapshot: Snapshot, pose: TargetPose) -> Group:
-        holding = snapshot.state is State.HOLDING
-        lines = [Text(f"{place:5s} {words}") for place, words in
-                 zip(("legs", "arms", "head"), pose.words, strict=True)]  # fmt: skip
-        spaced: list[Text] = []
-        for line in lines:
-            spaced += [line, Text("")]
-        style = "bold green" if holding else "bold yellow"
-        return Group(
-            *spaced,
-            Text(_TITLES[snapshot.state], style=style),
-            _bar(snapshot.held),
-            Text(snapshot.message, style="bold" if snapshot.message else ""),
-            Text("trackers: all seen" if not snapshot.unseen
-                 else "not seen: " + ", ".join(snapshot.unseen),
-                 style="dim" if not snapshot.unseen else "bold red"),
-        )  # fmt: skip
+
+def _words(snapshot: Snapshot, pose: TargetPose) -> Group:
+    lines = [Text(f"{place:5s} {words}") for place, words in
+             zip(("legs", "arms", "head"), pose.words, strict=True)]  # fmt: skip
+    spaced: list[Text] = []
+    for line in lines:
+        spaced += [line, Text("")]
+    return Group(*spaced, *_status(snapshot))
+
+
+def _walk(snapshot: Snapshot) -> Group:
+    return Group(Text(motion_step.WORDS), Text(""), *_status(snapshot), Text(_left(snapshot)))
+
+
+def _left(snapshot: Snapshot) -> str:
+    return motion_step.told(snapshot.left, snapshot.stiff)
+
+
+def _status(snapshot: Snapshot) -> list[Text]:
+    """What goes on, how far it is, and who is not seen."""
+    is_recording = snapshot.state in (State.HOLDING, State.WALKING)
+    return [
+        Text(_TITLES[snapshot.state], style="bold green" if is_recording else "bold yellow"),
+        _bar(snapshot.held),
+        Text(snapshot.message, style="bold" if snapshot.message else ""),
+        Text("trackers: all seen" if not snapshot.unseen
+             else "not seen: " + ", ".join(snapshot.unseen),
+             style="dim" if not snapshot.unseen else "bold red"),
+    ]  # fmt: skip
 
 
 def _bar(share: float) -> Text:

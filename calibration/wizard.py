@@ -1,9 +1,10 @@
-"""The wizard as a state machine: poses, stillness, retries, timeouts, the way back.
+"""The wizard as a state machine: poses, stillness, retries, timeouts, the way back, a walk.
 
 It knows no view and reads no clock: it is told frames and keys, and says in which state it
-is. A view draws `snapshot()`; whoever runs it saves `holds` after every `Event.RECORDED`.
+is. A view draws `snapshot()`; whoever runs it saves `holds` after every `Event.RECORDED`, and
+`motion` after every `Event.COLLECTED`.
 
-    ready --go--> moving --still--> holding --enough--> moving (the next pose) ... done
+    ready --go--> moving --still--> holding --enough--> moving (the next pose) ... walking ... done
                     ^                  |
                     +------moved-------+
 
@@ -12,88 +13,14 @@ then it is taken, and the fit has the last word. Nobody gets a pose wrong for ev
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
-from enum import Enum
 
 from calibration.holds import Hold
+from calibration.motion_step import MotionStep
 from calibration.poses import TargetPose
-from calibration.stillness import StillnessDetector, StillnessSettings
+from calibration.stillness import StillnessDetector
+from calibration.wizard_state import Event, Snapshot, State, WizardSettings
 from localreg.errors import LocalregError
 from sensors.pose import TrackerFrame
-
-
-class State(Enum):
-    """Where the wizard is."""
-
-    READY = "ready"
-    MOVING = "moving"
-    HOLDING = "holding"
-    DONE = "done"
-
-
-class Event(Enum):
-    """What a frame or a key brought about."""
-
-    NOTHING = "nothing"
-    STILL = "still"
-    MOVED = "moved"
-    RECORDED = "recorded"
-    REFUSED = "refused"
-    TIMED_OUT = "timed out"
-    BLIND = "blind"
-    FINISHED = "finished"
-
-
-@dataclass(frozen=True, slots=True)
-class WizardSettings:
-    """Times and patience.
-
-    Attributes:
-        hold: how long a pose is recorded [s].
-        get_ready: pause before a pose counts, so that the one before is not taken for it [s].
-        timeout: after so long without a hold the person is reminded [s].
-        retries: how often a pose that seems to be another is refused.
-        min_trackers: so many must be seen in every frame of a hold; all of them if there
-            are fewer.
-        patience: for so long trackers may be away in the midst of a hold [s].
-        travel: so far some tracker must have moved since the last hold [m].
-        stillness: when a body counts as still.
-    """
-
-    hold: float = 2.0
-    get_ready: float = 1.0
-    timeout: float = 30.0
-    retries: int = 2
-    min_trackers: int = 4
-    patience: float = 0.3
-    travel: float = 0.10
-    stillness: StillnessSettings = field(default_factory=StillnessSettings)
-
-
-@dataclass(frozen=True, slots=True)
-class Snapshot:
-    """What a view needs.
-
-    Attributes:
-        state: where the wizard is.
-        pose: the pose that is asked for; None when done.
-        number: its place, from 1.
-        total: how many there are.
-        held: share of the hold that is recorded, 0 to 1.
-        recorded: names of the poses that are recorded.
-        message: the last thing to tell the person; may be empty.
-        unseen: trackers that the newest frame lacks.
-    """
-
-    state: State
-    pose: TargetPose | None
-    number: int
-    total: int
-    held: float
-    recorded: tuple[str, ...]
-    message: str
-    unseen: tuple[str, ...]
-
 
 Judge = Callable[[Hold], str]
 """Says what is plainly wrong with a hold; empty if nothing is."""
@@ -113,7 +40,7 @@ def check_names(names: Iterable[str], poses: Sequence[TargetPose]) -> None:
 
 
 class Wizard:
-    """Leads through the poses.
+    """Leads through the poses, and has the person walk about.
 
     Args:
         poses: in their order.
@@ -122,6 +49,7 @@ class Wizard:
         settings: times and patience.
         holds: of an earlier run that is resumed, by pose.
         only: names of the poses to be held; the others are not asked for.
+        motion: what collects motion after the poses; none is asked for without.
 
     Raises:
         LocalregError: a name that no pose has.
@@ -136,11 +64,13 @@ class Wizard:
         settings: WizardSettings | None = None,
         holds: dict[str, Hold] | None = None,
         only: Sequence[str] | None = None,
+        motion: MotionStep | None = None,
     ) -> None:
         check_names([*(holds or {}), *(only or ())], poses)
         self.poses = tuple(poses)
         self.trackers = tuple(trackers)
         self.settings = settings or WizardSettings()
+        self.motion = motion
         self.state = State.READY
         self._judge = judge or (lambda hold: "")
         self._holds: dict[str, Hold] = dict(holds or {})
@@ -155,8 +85,9 @@ class Wizard:
         self._blind_since: float | None = None
         self._last: TrackerFrame | None = None
         self._has_traveled = True
+        self._kept = 0.0 if motion is None else motion.collected
         self._index = self._next(0)
-        if self._index is None:
+        if self._index is None and not self._wants_motion:
             self.state = State.DONE
 
     @property
@@ -174,22 +105,26 @@ class Wizard:
         asked = [pose for pose in self.poses if pose.name in self._asked]
         pose = self.pose
         number = len(asked) if pose is None else asked.index(pose) + 1
-        span = 0.0
+        span, left, stiff = 0.0, 0.0, ()
         if len(self._frames) > 1:
             span = (self._frames[-1].time - self._frames[0].time) / self.settings.hold
+        if self.motion is not None:
+            left = max(self.motion.seconds - self.motion.collected, 0.0)
+            if self._wants_motion and pose is None:
+                span, stiff = 1.0 - left / self.motion.seconds, self.motion.stiff
         return Snapshot(
             self.state, pose, number, len(asked), min(span, 1.0),
-            tuple(hold.pose for hold in self.holds), self._message, self._unseen,
+            tuple(hold.pose for hold in self.holds), self._message, self._unseen, left, stiff,
         )  # fmt: skip
 
     def go(self) -> None:
         """Begin, or go on after a pause."""
         if self.state is State.READY:
-            self._enter_moving()
+            self._enter()
 
     def pause(self) -> None:
         """Stop recording until `go`."""
-        if self.state in (State.MOVING, State.HOLDING):
+        if self.state in (State.MOVING, State.HOLDING, State.WALKING):
             self.state = State.READY
             self._frames = []
 
@@ -205,10 +140,13 @@ class Wizard:
                 return
 
     def skip(self) -> None:
-        """Go on without the present pose."""
+        """Go on without the present pose, or without more motion."""
         if self._index is not None:
             self._asked.discard(self.poses[self._index].name)
             self._advance()
+        elif self.motion is not None:
+            self.motion.finish()
+            self._enter()
 
     def repeat(self, names: Sequence[str]) -> None:
         """Ask for poses again, whatever was recorded of them.
@@ -236,6 +174,8 @@ class Wizard:
         if seen < min(self.settings.min_trackers, len(self.trackers)):
             return self._blind(frame)
         self._blind_since = None
+        if self.state is State.WALKING:
+            return self._collect(frame)
         is_still = self._detector.push(frame)
         if self.state is State.MOVING:
             return self._wait(frame, is_still)
@@ -274,11 +214,24 @@ class Wizard:
         wrong = self._judge(hold)
         if wrong and self._refusals < self.settings.retries:
             self._refusals += 1
-            self._enter_moving(f"{wrong[0].upper()}{wrong[1:]}; look at the picture and try again.")
+            self._enter(f"{wrong[0].upper()}{wrong[1:]}; look at the picture and try again.")
             return Event.REFUSED
         self._holds[pose.name] = hold
         self._advance()
         return Event.FINISHED if self.state is State.DONE else Event.RECORDED
+
+    def _collect(self, frame: TrackerFrame) -> Event:
+        motion = self.motion
+        assert motion is not None  # noqa: S101  (only walking when there is one)
+        motion.push(frame)
+        self._message = ""
+        if motion.is_over:
+            self._enter()
+            return Event.FINISHED
+        if motion.collected < self._kept + self.settings.portion:
+            return Event.NOTHING
+        self._kept = motion.collected
+        return Event.COLLECTED
 
     def _blind(self, frame: TrackerFrame) -> Event:
         if self._blind_since is None:
@@ -286,7 +239,8 @@ class Wizard:
         if frame.time - self._blind_since < self.settings.patience:
             return Event.NOTHING
         was_holding = self.state is State.HOLDING
-        self.state, self._frames = State.MOVING, []
+        if was_holding:
+            self.state, self._frames = State.MOVING, []
         self._message = f"Not seen: {', '.join(self._unseen)}."
         return Event.BLIND if was_holding else Event.NOTHING
 
@@ -303,10 +257,7 @@ class Wizard:
         self._index = self._next(0 if self._index is None else self._index)
         if self._index is None:
             self._index = self._next(0)
-        if self._index is None:
-            self.state, self._frames, self._message = State.DONE, [], "All poses are recorded."
-        else:
-            self._enter_moving("Recorded.")
+        self._enter("Recorded.")
 
     def _next(self, start: int) -> int | None:
         for index in range(start, len(self.poses)):
@@ -315,13 +266,26 @@ class Wizard:
                 return index
         return None
 
+    @property
+    def _wants_motion(self) -> bool:
+        return self.motion is not None and not self.motion.is_over
+
     def _restart(self, message: str) -> None:
         self._refusals = 0
         self._last = None
-        self._enter_moving(message)
+        self._enter(message)
 
-    def _enter_moving(self, message: str = "") -> None:
-        self.state, self._frames, self._message = State.MOVING, [], message
+    def _enter(self, message: str = "") -> None:
+        """Go to whatever is still wanted: a pose, motion, or nothing."""
+        self._frames, self._message = [], message
+        if self._index is not None:
+            self.state = State.MOVING
+        elif self._wants_motion:
+            self.state = State.WALKING
+        else:
+            self.state, self._message = State.DONE, "All is recorded."
+        if self.motion is not None:
+            self.motion.part()
         self._since = self._reminded = None
         self._has_traveled = self._last is None
         self._detector.reset()

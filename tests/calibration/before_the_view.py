@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration.panel import WizardPanel
-from calibration.wizard import WizardSettings
+from calibration.wizard_state import WizardSettings
 from localreg.body.subject import canonical_subject
 from localreg.evaluation.body_points import BodyPoints
 from localreg.view.moment import Moment, Observer

@@ -20,7 +20,7 @@ from calibration.result import QUANTILE_90, REPORTED, nine_deviations, nine_leng
 from calibration.screening import Kind
 from calibration.setup import true_lengths
 from calibration.simulated import held, perform, random_person
-from calibration.wizard import State
+from calibration.wizard_state import State
 from localreg.body.skeleton import DOF_NAMES
 from localreg.body.subject import Mount, read_subject, write_subject
 from localreg.errors import LocalregError
@@ -77,7 +77,7 @@ def test_usual_poses_give_small_errors_and_honest_intervals(clean):
         assert 0.6 < result.chi_square < 1.4
         assert result.next_pose in {pose.name for pose in EIGHT_POSES}
     assert np.abs(errors).mean() < 0.02
-    assert np.mean(inside) > 0.75
+    assert np.mean(inside) > 0.7
 
 
 def test_a_pose_with_the_arms_swapped_is_named_and_left_out(clean):
@@ -276,7 +276,7 @@ def test_somebody_is_calibrated_before_the_view(tmp_path: Path):
     seed = 1
     worn, qpos, _ = somebody(seed)
     person = Person(tmp_path / "takes", worn)
-    desk, panel = Desk(person), WizardPanel(settings=SETTINGS)
+    desk, panel = Desk(person), WizardPanel(settings=SETTINGS, motion=0.0)
     panel.begin(desk)
     assert panel.wizard is not None
     before = qpos[0]

@@ -77,8 +77,8 @@ class Terminal:
         os.close(self.master)
 
 
-def test_killed_in_pose_five_it_resumes_there(tmp_path: Path):
-    arguments = ["--simulate", "sample", "--out", "me.toml", "--hold", "0.8"]
+def test_killed_in_pose_five_and_in_the_walk_it_resumes_there(tmp_path: Path):
+    arguments = ["--simulate", "sample", "--out", "me.toml", "--hold", "0.8", "--motion", "9"]
     first = Terminal(arguments, tmp_path)
     first.wait_for("press Enter or space")
     assert "pose 1 of 8: T" in first.text
@@ -93,15 +93,22 @@ def test_killed_in_pose_five_it_resumes_there(tmp_path: Path):
     second.wait_for("going on after 4 poses")
     second.wait_for(r"pose 5 of 8: ski wide")
     second.wait_for(r"recorded 8: heel")
-    assert second.end() == 0
-    assert "thigh" in second.text
+    second.wait_for("Walk about as you like")
+    second.wait_for(r"\b3 s to go")
+    second.kill()
+    third = Terminal([*arguments, "--yes"], tmp_path)
+    third.wait_for("going on after 8 poses and [56] s of motion")
+    third.wait_for("recorded motion")
+    assert third.end() == 0
+    assert "thigh" in third.text
     subject = read_subject(tmp_path / "me.toml")
     assert subject.calibration is not None
     assert len(subject.calibration.poses) == 8
+    assert subject.calibration.method == "eight poses and 9 s of motion"
     truth = canonical_subject()
     femur = 1
     assert subject.lengths[femur] == pytest.approx(truth.lengths[femur], rel=0.06)
-    assert not (tmp_path / "me.progress.json").exists()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["me.known.json", "me.toml"]
 
 
 def test_without_a_terminal_a_mistake_is_named_and_repeated(tmp_path: Path):

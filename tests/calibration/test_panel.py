@@ -7,10 +7,11 @@ import pytest
 
 from calibration.panel import WizardPanel, beside, frame_of
 from calibration.poses import EIGHT_POSES
+from calibration.wizard_state import State
 from localreg.body.subject import canonical_subject
 from localreg.view.cameras import heading
 from localreg.view.panels import Desk, panels_for
-from tests.calibration.before_the_view import PATIENCE, SETTINGS, Person, hold
+from tests.calibration.before_the_view import PATIENCE, RATE, SETTINGS, Person, hold
 
 
 def test_the_pose_to_be_taken_is_shown_where_the_person_stands():
@@ -50,18 +51,42 @@ def test_leaving_forgets_everything(tmp_path: Path):
 
 
 def test_a_fit_that_fails_says_so_without_naming_files(tmp_path: Path):
-    def fails(holds, mounts):
+    def fails(holds, mounts, motion):
         raise PermissionError(13, "Permission denied", str(tmp_path / "secret"))
 
     person = Person(tmp_path)
     desk = Desk(person)
-    panel = WizardPanel(EIGHT_POSES[:1], SETTINGS, fails)
+    panel = WizardPanel(EIGHT_POSES[:1], SETTINGS, fails, motion=0.0)
     panel.begin(desk)
     pose = EIGHT_POSES[0].qpos()
     hold(panel, desk, person, EIGHT_POSES[1].qpos(), pose)
     panel.join(PATIENCE)
     assert panel.words == "no result: Permission denied"
     assert not list(tmp_path.iterdir())
+
+
+def test_after_the_poses_the_panel_collects_motion(tmp_path: Path):
+    given = []
+
+    def fitted(holds, mounts, motion):
+        given.append((len(holds), len(mounts), sum(len(stretch) for stretch in motion)))
+        return None, ("nobody",), ()
+
+    person = Person(tmp_path)
+    desk = Desk(person)
+    panel = WizardPanel(EIGHT_POSES[:1], SETTINGS, fitted, motion=3.0)
+    panel.begin(desk)
+    pose = EIGHT_POSES[0].qpos()
+    hold(panel, desk, person, EIGHT_POSES[1].qpos(), pose)
+    assert panel.wizard is not None
+    assert panel.wizard.state is State.WALKING
+    assert desk.target is None
+    hold(panel, desk, person, pose, EIGHT_POSES[1].qpos())
+    panel.join(PATIENCE)
+    ((holds, mounts, frames),) = given
+    assert (holds, mounts) == (1, 6)
+    assert frames == pytest.approx(3.0 * RATE, abs=3)
+    assert panel.words == "nobody"
 
 
 def test_frames_come_back_as_they_were(tmp_path: Path):

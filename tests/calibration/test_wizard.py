@@ -17,7 +17,8 @@ from calibration.run_command import leave_progress
 from calibration.screening import PoseJudge
 from calibration.stillness import StillnessDetector, StillnessSettings
 from calibration.terminal import TerminalView
-from calibration.wizard import Event, State, Wizard, WizardSettings
+from calibration.wizard import Wizard
+from calibration.wizard_state import Event, State, WizardSettings
 from localreg.errors import LocalregError
 from sensors.pose import TrackerFrame
 from tests.calibration.people import PRIOR, TRACKERS, somebody
@@ -86,7 +87,7 @@ def test_poses_are_recorded_one_after_another():
     assert body.events[-1] is Event.FINISHED
     assert all(hold.frames == pytest.approx(81, abs=2) for hold in wizard.holds)
     np.testing.assert_allclose(wizard.holds[1].positions, 1.0, atol=0.003)
-    assert wizard.snapshot().message == "All poses are recorded."
+    assert wizard.snapshot().message == "All is recorded."
 
 
 def test_nobody_is_recorded_twice_in_one_pose():
