@@ -16,11 +16,14 @@ _JUMP = 2.0
 _ROUNDS = LOST_AFTER + 1  # after which a body has been sought anew
 
 
-def warm_up(estimator: AnyEstimator) -> float:
+def warm_up(estimator: AnyEstimator, *, halves: bool = True) -> float:
     """Run everything a live frame can run: finding, following, blindness and losing track.
 
     Args:
         estimator: its copies with other poses left out share what is compiled.
+        halves: whether streams may begin with positions only, or orientations only, which
+            are rehearsed as such: half a second each, if that is not kept from an earlier
+            start.
 
     Returns:
         How long it took [s].
@@ -36,6 +39,10 @@ def warm_up(estimator: AnyEstimator) -> float:
     sequence = [rest, masked(rest, one_lost), blind, rest, *[away] * _ROUNDS, *[rest] * _ROUNDS]
     for number, frame in enumerate(sequence):
         state, _ = estimator.step(state, frame._replace(time=number * period))
+    if halves:
+        nothing = np.zeros(len(rest.position_mask), dtype=np.bool_)
+        for half in (rest._replace(orientation_mask=nothing), rest._replace(position_mask=nothing)):
+            estimator.step(estimator.init(half), half)
     estimator.init(rest)
     return time.monotonic() - begun
 

@@ -31,9 +31,9 @@ from localreg.database.features import FeatureLayout
 from localreg.database.neighbours import Neighbours, Query
 from localreg.synthesis.belief import Belief, Limits
 from localreg.synthesis.examples import ExampleSource
-from localreg.synthesis.experience import NEAR, Experience, learn_half
+from localreg.synthesis.experience import NEAR, Experience
 from localreg.synthesis.halves import Measured
-from localreg.synthesis.kept_experience import experience_over
+from localreg.synthesis.kept_experience import experience_over, half_over
 from localreg.synthesis.linear_algebra import factorize, positive_inverse, substitute
 from localreg.synthesis.local_fit import Normal, kernel_weights
 from localreg.synthesis.observation import Signals
@@ -211,7 +211,7 @@ class LocalRegression(Prior):
                 position=signals == "position",
                 orientation=signals == "orientation",
             )
-            learned = learn_half(self.experience, self.source, self.settings, self.chain, measured)
+            learned = half_over(self.experience, self.source, self.settings, self.chain, measured)
             self._halves[signals] = replace(self, experience=learned)
         found = self._halves[signals]
         return self if query.feature_trust[found.experience.trust == 0.0].any() else found

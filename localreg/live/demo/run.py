@@ -205,7 +205,7 @@ def _warm_estimators(
             without[name] = everything.leave_out(database.exclude(clip=name))
     if compiling is not None:
         compiling.wait()
-    seconds = warm_up(without[playlist.clips[0].provenance.name])
+    seconds = warm_up(without[playlist.clips[0].provenance.name], halves=False)
     if compiling is not None:
         compiling.finish()
     console.print(

@@ -12,7 +12,10 @@ from localreg.database.block_search import BlockSearch
 from localreg.database.features import FeatureLayout
 from localreg.database.neighbours import Neighbours, Query
 from localreg.evaluation.trackers import TrackerQuality, simulate_trackers
+from localreg.live.warm_up import warm_up
+from localreg.synthesis import local_regression
 from localreg.synthesis.attention import observe
+from localreg.synthesis.estimator import Result
 from localreg.synthesis.experience import learn_half
 from localreg.synthesis.halves import Measured
 from localreg.synthesis.local_regression import LocalRegression
@@ -106,6 +109,17 @@ def test_streams_of_half_the_signals_are_followed(signals, worst, fresh, walk, b
 def test_streams_with_both_signals_rehearse_nothing_more(fresh, trackers) -> None:
     follow(fresh, [trackers.frame(0), only(trackers.frame(1), ALL, NONE), trackers.frame(2)])
     assert not prior_of(fresh)._halves
+
+
+@pytest.mark.parametrize("signals", MASKS)
+def test_a_warm_estimator_has_rehearsed_for_halves(signals, fresh, trackers, monkeypatch) -> None:
+    warm_up(fresh)
+    assert set(prior_of(fresh)._halves) == set(MASKS)
+    monkeypatch.setattr(local_regression, "half_over", None)
+    frame = only(trackers.frame(0), *MASKS[signals])
+    state, pose = fresh.step(fresh.init(frame), frame)
+    assert state.signals == signals
+    assert pose.result == Result.SOLVED
 
 
 @pytest.mark.parametrize("signals", MASKS)

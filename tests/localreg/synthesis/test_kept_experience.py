@@ -11,11 +11,13 @@ from localreg.body.subject import Subject
 from localreg.database import PoseDatabase
 from localreg.database import view as view_module
 from localreg.database.cache import FOLDER
+from localreg.database.features import FeatureLayout
 from localreg.motion.motion import Motion
 from localreg.synthesis import kept_experience
 from localreg.synthesis.examples import ExampleSource
-from localreg.synthesis.experience import Experience, learn
-from localreg.synthesis.kept_experience import experience_over
+from localreg.synthesis.experience import Experience, learn, learn_half
+from localreg.synthesis.halves import Measured
+from localreg.synthesis.kept_experience import experience_over, half_over
 from localreg.synthesis.local_regression import LocalRegression
 from localreg.synthesis.methods import build_synthesizer
 from localreg.synthesis.settings import Settings
@@ -73,6 +75,43 @@ def test_the_second_start_knows_what_the_first_has_learned(
     trust = np.linspace(0.0, 1.0, len(fresh.feature_share))
     valid = np.array([True, True, False])
     assert kept.whole_distance(2.0, valid, trust) == fresh.whole_distance(2.0, valid, trust)
+
+
+@pytest.mark.parametrize("signals", ["position", "orientation"])
+def test_halves_are_learned_once_too(
+    saved: Path, subject: Subject, signals: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    measured = Measured.of(
+        FeatureLayout.of(subject),
+        position=signals == "position",
+        orientation=signals == "orientation",
+    )
+
+    def prior() -> LocalRegression:
+        found = build_synthesizer(SETTINGS, subject, PoseDatabase.load(saved)).prior
+        assert isinstance(found, LocalRegression)
+        return found
+
+    one = prior()
+    fresh = learn_half(one.experience, one.source, SETTINGS, one.chain, measured)
+    half_over(one.experience, one.source, SETTINGS, one.chain, measured)
+    monkeypatch.setattr(kept_experience, "learn_half", None)
+    other = prior()
+    kept = half_over(other.experience, other.source, SETTINGS, other.chain, measured)
+    rows = np.flatnonzero(other.source.targets)[::9]
+    np.testing.assert_array_equal(kept.pose.of(rows), fresh.pose.of(rows))
+    np.testing.assert_array_equal(kept.step.of(rows), fresh.step.of(rows))
+    for name in ("noise", "center", "onto"):
+        np.testing.assert_array_equal(getattr(kept.pose, name), getattr(fresh.pose, name))
+    for name in (*kept_experience._LEARNED, *kept_experience._NUMBERS):
+        np.testing.assert_array_equal(getattr(kept, name), getattr(fresh, name), err_msg=name)
+    # Of less than all nothing is kept.
+    database = other.source.database
+    allowed = database.exclude(clip=database.clips[0].name)
+    less = build_synthesizer(SETTINGS, subject, database, allowed).prior
+    assert isinstance(less, LocalRegression)
+    with pytest.raises(TypeError):
+        half_over(less.experience, less.source, SETTINGS, less.chain, measured)
 
 
 def test_other_settings_or_less_of_the_database_are_learned_anew(
