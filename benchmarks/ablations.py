@@ -16,6 +16,7 @@ from typing import Annotated, Any, Final
 
 import typer
 
+from benchmarks.marks import put_table
 from benchmarks.tables import Column, columns_of
 from localreg.commands.console import output, progress_bar
 from localreg.commands.grids import Grid
@@ -170,6 +171,15 @@ def main(
     json_file: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Also write every figure.")
     ] = None,
+    readme: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            exists=True,
+            help="Also put the table into this file, between <!-- MARK --> and <!-- /MARK -->.",
+        ),
+    ] = None,
+    mark: Annotated[str, typer.Option(help="Which table of that file.")] = "ablations sample",
 ) -> None:
     """Print the table as Markdown."""
     if (figures is None) == (not sources):
@@ -192,6 +202,8 @@ def main(
         raise LocalregError("these figures lack the method itself; make them with --json")
     grid = ablation_table(columns, chosen)
     output().print(f"{grid.title}\n\n{grid.to_markdown()}", soft_wrap=True)
+    if readme is not None:
+        put_table(readme, grid.to_markdown(), mark)
 
 
 if __name__ == "__main__":

@@ -24,6 +24,7 @@ import typer
 
 from benchmarks.larger import made_larger
 from benchmarks.latency import played_clips
+from benchmarks.marks import put_table
 from benchmarks.measures import (
     CALIBRATION,
     STAGES,
@@ -230,7 +231,7 @@ def main(
     if picture is not None:
         plot(figures, picture)
     if readme is not None:
-        put_table(readme, table(figures))
+        put_table(readme, table(figures), "speed")
     if keep:
         write_json(known(figures), BASELINE)
     for line in broken_bounds(figures):
@@ -241,16 +242,6 @@ def main(
             console.print(f"worse: {line}")
         if worse:
             raise typer.Exit(1)
-
-
-def put_table(path: Path, text: str) -> None:
-    """Replace what stands between the marks of the speed table in a Markdown file."""
-    begin, end = "<!-- speed -->", "<!-- /speed -->"
-    before, _, rest = path.read_text(encoding="utf-8").partition(begin)
-    if end not in rest:
-        raise ValueError(f"{path} has no {begin} ... {end} to put the table in")
-    after = rest.partition(end)[2]
-    path.write_text(f"{before}{begin}\n{text}\n{end}{after}", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -22,6 +22,7 @@ from typing import Annotated, Any, Final
 import numpy as np
 import typer
 
+from benchmarks.marks import put_table
 from benchmarks.tune_baselines import read_settings
 from localreg.commands.console import output, progress_bar
 from localreg.commands.grids import Grid
@@ -219,6 +220,15 @@ def main(
     json_file: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Also write every figure.")
     ] = None,
+    readme: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            exists=True,
+            help="Also put the table into this file, between <!-- MARK --> and <!-- /MARK -->.",
+        ),
+    ] = None,
+    mark: Annotated[str, typer.Option(help="Which table of that file.")] = "methods sample",
 ) -> None:
     """Print the table as Markdown, and what became of the published order."""
     if (figures is None) == (not sources):
@@ -242,6 +252,8 @@ def main(
     grid = method_table(columns, rows)
     console = output()
     console.print(f"{grid.title}\n\n{grid.to_markdown()}\n", soft_wrap=True)
+    if readme is not None:
+        put_table(readme, grid.to_markdown(), mark)
     for line in published_order(columns):
         console.print(f"* {line}", soft_wrap=True)
 

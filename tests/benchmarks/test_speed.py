@@ -19,7 +19,7 @@ from benchmarks.measures import (
     regressions,
     table,
 )
-from benchmarks.scaling import BASELINE, plot, put_table
+from benchmarks.scaling import BASELINE, plot
 from localreg.database import PoseDatabase
 from localreg.errors import MotionError
 from tests.localreg.database.made_motion import make_motion
@@ -145,14 +145,6 @@ def test_table_and_plot(tmp_path: Path) -> None:
     text = table(figures())
     assert text.count("\n") == len(MEASURES) + 1
     assert "≤ 2.5 ms" in text
-    page = tmp_path / "page.md"
-    page.write_text("before\n<!-- speed -->\nold\n<!-- /speed -->\nafter\n")
-    put_table(page, text)
-    put_table(page, text)
-    assert page.read_text() == f"before\n<!-- speed -->\n{text}\n<!-- /speed -->\nafter\n"
-    page.write_text("nothing")
-    with pytest.raises(ValueError, match="to put the table in"):
-        put_table(page, text)
     assert all(f"1100000.{stage}_p50_ms" in figures() for stage in STAGES)
     plot(figures(), tmp_path / "speed.png")
     assert (tmp_path / "speed.png").stat().st_size > 5000
