@@ -33,11 +33,11 @@ from localreg.database.store import PoseDatabase
 from localreg.errors import LocalregError
 from localreg.evaluation.results import program_version, write_json
 from localreg.evaluation.trackers import SimulatedTrackers, simulate_trackers
-from localreg.live.nearest_clips import NearestClips
+from localreg.live.nearest_clips import Found, NearestClips
 from localreg.live.quiet import undisturbed
 from localreg.live.sinks.base import LivePose
 from localreg.live.sinks.view import ViewSink
-from localreg.live.viewing import EVERY
+from localreg.live.viewing import EVERY, SEARCH_EVERY
 from localreg.live.warm_up import warm_up
 from localreg.motion.sources import SAMPLE, read_sources
 from localreg.synthesis.estimator import AnyEstimator
@@ -171,7 +171,7 @@ class Loop:
         self._state = estimator.init(trackers.frame(0))
         self._index = 0
         self._due = time.monotonic()
-        self._about = 0.0
+        self._about, self._turn, self._found = 0.0, 0, Found()
 
     def alternate(self, seconds: float, block: float, shown: Shown) -> dict[bool, list[np.ndarray]]:
         """The times of all blocks, with and without [s]."""
@@ -213,8 +213,10 @@ class Loop:
             times.append(time.perf_counter() - begun)
             self._index += 1
             if on and time.monotonic() - self._about > EVERY:
-                self._about = time.monotonic()
-                self._view.tell(About(neighbors=self._clips.find(pose.qpos).clips, title="walk"))
+                self._about, self._turn = time.monotonic(), self._turn + 1
+                if self._turn % SEARCH_EVERY == 0:
+                    self._found = self._clips.find(pose.qpos)
+                self._view.tell(About(neighbors=self._found.clips, title="walk"))
         return np.array(times)
 
 

@@ -20,6 +20,7 @@ from localreg.compile_cache import (
     write_in_turn,
 )
 
+_FUNCTIONS: Final = 50  # about so many are compiled
 _LONGEST: Final = 600.0  # after which what is missing is compiled here [s]
 
 
@@ -66,7 +67,10 @@ class Compiling:
         """How far it is, in a few words."""
         functions = count_compiled() - self._before
         seconds = time.monotonic() - self._begun
-        return f"compiling once for this machine: {functions} functions, {seconds:.0f} s"
+        return (
+            f"compiling once for this machine: {functions} of some {_FUNCTIONS} functions, "
+            f"{seconds:.0f} s"
+        )
 
     def close(self) -> None:
         """End the other process. Doing so twice is no error."""

@@ -37,7 +37,8 @@ PAUSES: Final = (1.0, 3.0, 10.0, 30.0)
 
 _FORGIVEN: Final = 600.0  # a view that lasted so long may die as often as a new one [s]
 _RECENT: Final = 2400
-_SEARCH_EVERY: Final = 2  # of these times clips are looked for
+SEARCH_EVERY: Final = 2
+"""How many of these times pass until clips are looked for again."""
 
 
 class LiveView:
@@ -175,7 +176,7 @@ class LiveView:
         if watched is None:
             return
         self._turn += 1
-        if self._turn % _SEARCH_EVERY == 0:
+        if self._turn % SEARCH_EVERY == 0:
             watched.search()
         self._process.tell(
             watched.about(
