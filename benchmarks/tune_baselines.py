@@ -108,7 +108,9 @@ def mean_error(settings: Settings, trials: Sequence[Trial], database: PoseDataba
             estimator = estimator.leave_out(allowed)
         for signals in protocol.signals:
             quality = replace(protocol.quality, signals=signals)
-            trackers = simulate_trackers(motion, quality, seed=protocol.seed, body=body)
+            trackers = simulate_trackers(
+                motion, quality, seed=protocol.seed, truth=body.tracker_poses(motion.qpos)
+            )
             for start in (None,) if has_database else (None, motion.qpos[0]):
                 qpos = play(estimator, trackers, true_start=start).qpos
                 errors.append(badness(compare(motion, qpos, body=body).figures))

@@ -102,7 +102,9 @@ def mink_results(trial: Trial, protocol: Protocol, settings: MinkSettings) -> li
     results = []
     for signals in protocol.signals:
         quality = replace(protocol.quality, signals=signals)
-        trackers = simulate_trackers(motion, quality, seed=protocol.seed, body=body)
+        trackers = simulate_trackers(
+            motion, quality, seed=protocol.seed, truth=body.tracker_poses(motion.qpos)
+        )
         for name, start in (("mink", None), ("mink-truth", motion.qpos[0])):
             playback = play(estimator, trackers, true_start=start)
             comparison = compare(motion, playback.qpos, body=body)

@@ -113,6 +113,20 @@ def blank_placed(chain: Chain) -> Placed:
     )
 
 
+@njit(cache=True)
+@no_type_check
+def room_to_place(chain):
+    """`blank_placed` as machine code."""
+    bodies, sites = len(chain.parent), len(chain.site_body)
+    return Placed(
+        np.zeros((bodies, 3)),
+        np.zeros((bodies, 4)),
+        np.zeros((DOF_COUNT, 3)),
+        np.zeros((sites, 3)),
+        np.zeros((sites, 4)),
+    )
+
+
 def place_trackers(
     chain: Chain, qpos: Float[ndarray, "63"]
 ) -> tuple[Float[ndarray, "J 3"], Float[ndarray, "J 4"]]:

@@ -77,9 +77,9 @@ class BlockSearch(NeighbourSearch):
     ):
         self._index = index
         groups = np.zeros(len(angles), dtype=np.int32) if groups is None else groups
-        self._poses = Poses(*map(_plain, (angles, features, allowed, groups.astype(np.int32))))
-        self._blocks = type(index.blocks)(*map(_plain, index.blocks))
-        self._sketches = type(index.sketches)(*map(_plain, index.sketches))
+        self._poses = Poses(*map(plain, (angles, features, allowed, groups.astype(np.int32))))
+        self._blocks = type(index.blocks)(*map(plain, index.blocks))
+        self._sketches = type(index.sketches)(*map(plain, index.sketches))
         self._available = np.bincount(groups[allowed], minlength=int(groups.max()) + 1)
         self._scale = window_scale(metric, angles.shape[1])
         self._weight = np.square(self._scale).astype(np.float32)
@@ -123,7 +123,7 @@ class BlockSearch(NeighbourSearch):
         if wanted < count:
             extra = count - wanted
             rows = np.concatenate([rows, np.resize(rows, extra)])
-            squared = np.concatenate([squared, np.full(extra, np.inf)])
+            squared = np.concatenate([squared, np.full(extra, np.inf, squared.dtype)])
         return Neighbours(rows, squared)
 
     def available(self, without: int = -1) -> int:
@@ -206,7 +206,7 @@ def _trusted(
     return L.astype(np.float32), point.astype(np.float32)
 
 
-def _plain(array: ndarray) -> ndarray:
+def plain(array: ndarray) -> ndarray:
     """A read-only view: one type for the compiler, whether mapped from a file or not."""
     plain = np.asarray(array).view(np.ndarray)
     plain.flags.writeable = False

@@ -93,14 +93,10 @@ class FeatureLayout:
             in_reference: trust in what is seen from the reference tracker where a part of
                 its pose had to be predicted.
         """
-        if position_mask.all() and orientation_mask.all():
-            return np.ones(self.size)
-        seen = position_mask[self.reference]
-        facing = orientation_mask[self.reference]
-        position = position_mask * (1.0 if seen and facing else in_reference)
-        rotation = orientation_mask * (1.0 if facing else in_reference)
-        position[self.reference], rotation[self.reference] = float(seen), float(facing)
-        return self.columns(position, rotation)
+        out = np.empty(self.size)
+        masks = np.asarray(position_mask, dtype=bool), np.asarray(orientation_mask, dtype=bool)
+        write_trust(self.reference, self.others_array, *masks, float(in_reference), out)
+        return out
 
     def extract(
         self, positions: Float[ndarray, "*b J 3"], quaternions: Float[ndarray, "*b J 4"]
@@ -109,7 +105,7 @@ class FeatureLayout:
         trackers, size = positions.shape[-2], self.size
         out = np.empty((positions.size // (3 * trackers), size))
         flat = positions.reshape(-1, trackers, 3), quaternions.reshape(-1, trackers, 4)
-        _write_features(self.reference, self._others, *flat, out)
+        _write_all(self.reference, self.others_array, *flat, out)
         return out.reshape(*positions.shape[:-2], size)
 
     @staticmethod
@@ -132,7 +128,8 @@ class FeatureLayout:
         return out
 
     @cached_property
-    def _others(self) -> Int[ndarray, " others"]:
+    def others_array(self) -> Int[ndarray, " others"]:
+        """`others` as machine code takes them."""
         return np.array(self.others, dtype=np.int64)
 
 
@@ -176,31 +173,52 @@ def _place_all(chain, qpos, placed, positions, quaternions):
 
 @njit(cache=True)
 @no_type_check
-def _write_features(reference, others, positions, quaternions, out):
-    """Write a row of features for every set of tracker poses."""
-    own, turn, seen = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
+def _write_all(reference, others, positions, quaternions, out):
     for row in range(len(positions)):
-        rotation_matrix(quaternions[row, reference], own)
-        at = positions[row, reference]
-        column = 0
-        for other in others:
-            for i in range(3):
-                seen[i] = positions[row, other, i] - at[i]
-            rotation_matrix(quaternions[row, other], turn)
-            for i in range(3):
+        write_features(reference, others, positions[row], quaternions[row], out[row])
+
+
+@njit(cache=True)
+@no_type_check
+def write_features(reference, others, positions, quaternions, out):
+    """Write the features of one set of tracker poses."""
+    own, turn, seen = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
+    rotation_matrix(quaternions[reference], own)
+    column = 0
+    for other in others:
+        for i in range(3):
+            seen[i] = positions[other, i] - positions[reference, i]
+        rotation_matrix(quaternions[other], turn)
+        for i in range(3):
+            total = 0.0
+            for k in range(3):
+                total += own[k, i] * seen[k]
+            out[column + i] = total
+        for i in range(3):
+            for j in range(3):
                 total = 0.0
                 for k in range(3):
-                    total += own[k, i] * seen[k]
-                out[row, column + i] = total
-            for i in range(3):
-                for j in range(3):
-                    total = 0.0
-                    for k in range(3):
-                        total += own[k, i] * turn[k, j]
-                    out[row, column + 3 + 3 * i + j] = total
-            column += _PER_TRACKER
-        out[row, column : column + 3] = own[2]
-        out[row, column + 3] = at[2]
+                    total += own[k, i] * turn[k, j]
+                out[column + 3 + 3 * i + j] = total
+        column += _PER_TRACKER
+    for i in range(3):
+        out[column + i] = own[2, i]
+    out[column + 3] = positions[reference, 2]
+
+
+@njit(cache=True)
+@no_type_check
+def write_trust(reference, others, seen, facing, in_reference, out):
+    """Write the trust in every column; see `FeatureLayout.trust`."""
+    turned = 1.0 if facing[reference] else in_reference
+    placed = turned if seen[reference] else in_reference
+    column = 0
+    for other in others:
+        out[column : column + 3] = placed if seen[other] else 0.0
+        out[column + 3 : column + _PER_TRACKER] = turned if facing[other] else 0.0
+        column += _PER_TRACKER
+    out[column : column + 3] = 1.0 if facing[reference] else 0.0
+    out[column + 3] = 1.0 if seen[reference] else 0.0
 
 
 @njit(cache=True)

@@ -30,6 +30,18 @@ class TrackerPoses(NamedTuple):
     quaternions: Float[ndarray, "frames trackers 4"]
 
 
+class Places(NamedTuple):
+    """Where a motion puts a body and its trackers in the world.
+
+    Attributes:
+        bone_ends: the root and the far ends of the 30 bones [m].
+        trackers: what they would report if they were perfect.
+    """
+
+    bone_ends: Float[ndarray, "frames 31 3"]
+    trackers: TrackerPoses
+
+
 class BodyPoints:
     """One subject's body, posed frame by frame.
 
@@ -46,23 +58,23 @@ class BodyPoints:
 
     def bone_ends(self, qpos: Float[ndarray, "frames 63"]) -> Float[ndarray, "frames 31 3"]:
         """World positions of the root and of the far ends of the 30 bones [m]."""
-        return self._sites(qpos, self._ends)[0]
+        return self.places(qpos).bone_ends
 
     def tracker_poses(self, qpos: Float[ndarray, "frames 63"]) -> TrackerPoses:
         """World poses that the trackers would report if they were perfect."""
-        positions, matrices = self._sites(qpos, self._trackers)
-        flat = matrices.reshape(-1, 3, 3)
-        quaternions = Rotation.from_matrix(flat).as_quat(canonical=True, scalar_first=True)
-        return TrackerPoses(positions, quaternions.reshape(*positions.shape[:2], 4))
+        return self.places(qpos).trackers
 
-    def _sites(
-        self, qpos: Float[ndarray, "frames 63"], sites: list[int]
-    ) -> tuple[Float[ndarray, "frames sites 3"], Float[ndarray, "frames sites 9"]]:
-        positions = np.empty((len(qpos), len(sites), 3))
-        matrices = np.empty((len(qpos), len(sites), 9))
+    def places(self, qpos: Float[ndarray, "frames 63"]) -> Places:
+        """Both at once."""
+        data, sites = self._data, self._model.nsite
+        positions, matrices = np.empty((len(qpos), sites, 3)), np.empty((len(qpos), sites, 9))
         for frame, pose in enumerate(qpos):
-            self._data.qpos[:] = pose
-            mujoco.mj_kinematics(self._model, self._data)
-            positions[frame] = self._data.site_xpos[sites]
-            matrices[frame] = self._data.site_xmat[sites]
-        return positions, matrices
+            data.qpos[:] = pose
+            mujoco.mj_kinematics(self._model, data)
+            positions[frame], matrices[frame] = data.site_xpos, data.site_xmat
+        flat = matrices[:, self._trackers].reshape(-1, 3, 3)
+        quaternions = Rotation.from_matrix(flat).as_quat(canonical=True, scalar_first=True)
+        trackers = TrackerPoses(
+            positions[:, self._trackers], quaternions.reshape(len(qpos), len(self._trackers), 4)
+        )
+        return Places(positions[:, self._ends], trackers)

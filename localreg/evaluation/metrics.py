@@ -12,19 +12,24 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy import ndarray
 
-from localreg.body.skeleton import BONES
-from localreg.evaluation.body_points import BodyPoints
+from localreg.body.skeleton import BONES, DOF_NAMES
+from localreg.evaluation.body_points import BodyPoints, Places
 from localreg.motion.contacts import FOOT_ENDS, foot_contacts, velocities
-from localreg.motion.joint_angles import bone_rotations
 from localreg.motion.motion import Motion
 
 SETTLING_FRAMES: Final = 5
 """Frames at the start of a clip that count for nothing but time."""
 
-_JOINTED: Final = np.array([index for index, bone in enumerate(BONES) if bone.dofs])
-
 JOINTED_BONES: Final = tuple(bone.name for bone in BONES if bone.dofs)
 """The bones that have joints, in the order of figures by bone."""
+
+_ZYX: Final = np.array(
+    [
+        [DOF_NAMES.index(name) if (name := f"{bone}r{axis}") in DOF_NAMES else -1 for axis in "zyx"]
+        for bone in JOINTED_BONES
+    ]
+)
+"""Places of each bone's angles about z, y and x; -1 where it has no such hinge."""
 
 _LEAST_FOR_JITTER: Final = 4
 
@@ -97,6 +102,7 @@ def compare(
     qpos: Float[ndarray, "frames 63"],
     *,
     body: BodyPoints | None = None,
+    true_places: Places | None = None,
     predicted_sigma: Float[ndarray, "frames 56"] | None = None,
 ) -> Comparison:
     """Compare synthesized poses with the true ones of the same subject and frames.
@@ -105,6 +111,7 @@ def compare(
         truth: the true motion; its subject wears the trackers that count.
         qpos: one synthesized pose for every frame of it.
         body: the subject's body if it is at hand, else it is built.
+        true_places: where the truth puts it if that is known, else it is worked out.
         predicted_sigma: standard deviation that the method gave each angle; not finite
             where it gave none [rad].
 
@@ -117,18 +124,18 @@ def compare(
     finite = np.all(np.isfinite(qpos), axis=1)
     whole = np.where(finite[:, None], qpos, truth.qpos)
     blot = np.where(finite, 0.0, np.nan)
-    ends, true_ends = body.bone_ends(whole), body.bone_ends(truth.qpos)
-    ends = ends + blot[:, None, None]
+    places, true_places = body.places(whole), true_places or body.places(truth.qpos)
+    true_ends = true_places.bone_ends
+    ends = places.bone_ends + blot[:, None, None]
     by_dof = joint_angle_errors_deg(whole[:, 7:], truth.angles) + blot[:, None]
     angle_error = by_dof.mean(axis=1)
     by_end = 100.0 * np.linalg.norm(ends - true_ends, axis=-1)
     distance = by_end.mean(axis=1)
     counted = slice(SETTLING_FRAMES, None)
     contacts = foot_contacts(true_ends, truth.rate)[counted]
-    trackers = body.tracker_poses(whole).positions + blot[:, None, None]
-    tracker_error = np.linalg.norm(trackers - body.tracker_poses(truth.qpos).positions, axis=-1)
-    geodesic = geodesic_errors_deg(whole[:, 7:], truth.angles, truth.subject.axis_frames)
-    geodesic = geodesic + blot[:, None]
+    apart = places.trackers.positions - true_places.trackers.positions
+    tracker_error = np.linalg.norm(apart, axis=-1) + blot[:, None]
+    geodesic = geodesic_errors_deg(whole[:, 7:], truth.angles) + blot[:, None]
     aligned = (ends - ends[:, :1]) - (true_ends - true_ends[:, :1])
     figures = Figures(
         joint_angle_error_deg=_mean(angle_error[counted]),
@@ -170,25 +177,39 @@ def joint_angle_errors_deg(
 
 
 def geodesic_errors_deg(
-    angles: Float[ndarray, "frames 56"],
-    true_angles: Float[ndarray, "frames 56"],
-    axis_frames: Float[ndarray, "30 3 3"],
+    angles: Float[ndarray, "frames 56"], true_angles: Float[ndarray, "frames 56"]
 ) -> Float[ndarray, "frames 28"]:
     """Angle between the turns of a bone against its parent, for `JOINTED_BONES` [deg].
 
-    The turn is R = C Rz Ry Rx C^T. Unlike differences of angles, the figure does not grow
-    where two of the three axes nearly coincide.
+    The turn is R = C Rz Ry Rx C^T, whatever the axis frame C: it does not change the angle
+    between two turns. Unlike differences of angles, the figure does not grow where two of the
+    three axes nearly coincide.
 
     Args:
         angles: synthesized joint angles [rad].
         true_angles: true joint angles [rad].
-        axis_frames: axis frame C of every bone.
     """
-    turns = bone_rotations(angles, axis_frames)[:, _JOINTED]
-    true_turns = bone_rotations(true_angles, axis_frames)[:, _JOINTED]
-    # |A - B|_F = 2 sqrt(2) sin(angle / 2), exact near nought where arccos is not.
-    chord = np.linalg.norm(turns - true_turns, axis=(-2, -1)) / np.sqrt(8.0)
-    return np.degrees(2.0 * np.arcsin(np.minimum(chord, 1.0)))
+    turns, true_turns = _turns(angles), _turns(true_angles)
+    # |p - q| = 2 sin(angle / 4) of unit quaternions, or |p + q|: exact near nought.
+    chord = np.minimum(
+        np.linalg.norm(turns - true_turns, axis=0), np.linalg.norm(turns + true_turns, axis=0)
+    )
+    return np.degrees(4.0 * np.arcsin(0.5 * chord))
+
+
+def _turns(angles: Float[ndarray, "frames 56"]) -> Float[ndarray, "4 frames 28"]:
+    """Rz Ry Rx of every bone that has joints, as quaternions w x y z."""
+    # A last column of noughts stands for the hinges that a bone does not have.
+    half = 0.5 * np.hstack([angles, np.zeros((len(angles), 1))])[:, _ZYX]
+    (sz, sy, sx), (cz, cy, cx) = np.moveaxis(np.sin(half), 2, 0), np.moveaxis(np.cos(half), 2, 0)
+    return np.stack(
+        [
+            cz * cy * cx + sz * sy * sx,
+            cz * cy * sx - sz * sy * cx,
+            cz * sy * cx + sz * cy * sx,
+            sz * cy * cx - cz * sy * sx,
+        ]
+    )
 
 
 def jitter_m_s3(points: Float[ndarray, "frames points 3"], rate: float) -> float | None:

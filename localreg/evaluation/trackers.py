@@ -155,7 +155,7 @@ def simulate_trackers(
     quality: TrackerQuality | None = None,
     *,
     seed: int = 0,
-    body: BodyPoints | None = None,
+    truth: TrackerPoses | None = None,
 ) -> SimulatedTrackers:
     """What the trackers of a motion's own subject would report.
 
@@ -163,10 +163,10 @@ def simulate_trackers(
         motion: at the rate at which frames are wanted.
         quality: how good the trackers are; by default the evaluation's.
         seed: another seed gives other noise; not negative.
-        body: the subject's body if it is at hand, else it is built.
+        truth: where the motion puts the trackers if that is known, else it is worked out.
     """
     quality = quality or TrackerQuality()
-    truth = (body or BodyPoints(motion.subject)).tracker_poses(motion.qpos)
+    truth = truth or BodyPoints(motion.subject).tracker_poses(motion.qpos)
     positions, quaternions = truth.positions.copy(), truth.quaternions.copy()
     present = np.ones(positions.shape[:2], dtype=bool)
     for index, tracker in enumerate(motion.subject.trackers):

@@ -47,10 +47,11 @@ class Worker:
         """
         motion = trial.motion
         body = self._body_of(motion.subject)
+        truth = body.places(motion.qpos)
         results = []
         for signals in protocol.signals:
             quality = replace(protocol.quality, signals=signals)
-            trackers = simulate_trackers(motion, quality, seed=protocol.seed, body=body)
+            trackers = simulate_trackers(motion, quality, seed=protocol.seed, truth=truth.trackers)
             there = np.all(trackers.position_mask | trackers.orientation_mask, axis=1)
             for method in protocol.methods:
                 variant = find_variant(method)
@@ -64,7 +65,9 @@ class Worker:
                         f"{method} on clip {motion.provenance.name}: {error}"
                     ) from error
                 sigma = _predicted_sigma(playback)
-                comparison = compare(motion, playback.qpos, body=body, predicted_sigma=sigma)
+                comparison = compare(
+                    motion, playback.qpos, body=body, true_places=truth, predicted_sigma=sigma
+                )
                 results.append(
                     ClipResult(
                         name=motion.provenance.name,

@@ -71,74 +71,56 @@ class Heard(NamedTuple):
 
 def observe(frame: TrackerFrame) -> Observation:
     """A frame's arrays; what cannot be a position, or a rotation, counts as not measured."""
-    return Observation(
-        *_observe(
-            np.asarray(frame.positions, dtype=float),
-            np.asarray(frame.quaternions, dtype=float),
-            np.asarray(frame.position_mask),
-            np.asarray(frame.orientation_mask),
-        )
-    )
+    positions = np.asarray(frame.positions, dtype=float)
+    quaternions = np.asarray(frame.quaternions, dtype=float)
+    seen, facing = np.asarray(frame.position_mask), np.asarray(frame.orientation_mask)
+    out = Observation(*map(np.empty_like, (positions, quaternions, seen, facing)))
+    _observe(positions, quaternions, seen, facing, out)
+    return out
 
 
-def listen(
-    observation: Observation,
-    positions: Float[ndarray, "J 3"],
-    quaternions: Float[ndarray, "J 4"],
-    attention: Attention,
-    reference: int,
-) -> tuple[Heard, Attention]:
+@njit(cache=True)
+@no_type_check
+def _observe(positions, quaternions, position_mask, orientation_mask, out):
+    at, turned, seen, facing = out
+    at[:], turned[:] = 0.0, 0.0
+    for j in range(len(positions)):
+        near = True
+        for i in range(3):
+            near = near and abs(positions[j, i]) < _ROOM  # NaN is not
+        seen[j] = position_mask[j] and near
+        if seen[j]:
+            at[j] = positions[j]
+        turned[j, 0] = 1.0
+        norm = np.sqrt(np.sum(np.square(quaternions[j])))
+        facing[j] = orientation_mask[j] and abs(norm - 1.0) < 0.1
+        if facing[j]:
+            turned[j] = quaternions[j] / norm
+
+
+@njit(cache=True)
+@no_type_check
+def listen(observation, predicted_positions, predicted, attention, reference, away):
     """Sort out whom to believe.
 
     Args:
         observation: what the trackers say.
-        positions: where the motion so far leads them [m].
-        quaternions: and how they would be turned there.
+        predicted_positions: where the motion so far leads them [m].
+        predicted: quaternions that they would have there.
         attention: who was heard before.
         reference: the tracker that the others are seen from.
+        away: written: the next attention's.
+
+    Returns:
+        What is `Heard`, and the next attention's number of frames without guidance.
     """
-    at, turned, seen, facing, away = _listen(
-        observation, positions, quaternions, attention.away, reference
-    )
-    guided = bool(seen[reference] and facing[reference])
-    unguided = 0 if guided else min(attention.unguided + 1, LONG)
-    least = TRUST_IN_PLACE if seen[reference] else _LEAST_TRUST
-    trust = max(least, 0.5 * 0.8**unguided)
-    return Heard(at, turned, seen, facing, trust), Attention(away, unguided)
-
-
-@njit(cache=True)
-@no_type_check
-def _observe(positions, quaternions, position_mask, orientation_mask):
-    count = len(positions)
-    at, turned = np.zeros((count, 3)), np.zeros((count, 4))
-    seen, facing = np.zeros(count, np.bool_), np.zeros(count, np.bool_)
-    for j in range(count):
-        near = True
-        for i in range(3):
-            near = near and abs(positions[j, i]) < _ROOM  # NaN is not
-        if position_mask[j] and near:
-            seen[j] = True
-            at[j] = positions[j]
-        turned[j, 0] = 1.0
-        norm = np.sqrt(np.sum(np.square(quaternions[j])))
-        if orientation_mask[j] and abs(norm - 1.0) < 0.1:
-            facing[j] = True
-            turned[j] = quaternions[j] / norm
-    return at, turned, seen, facing
-
-
-@njit(cache=True)
-@no_type_check
-def _listen(observation, predicted_positions, predicted, away_before, reference):
     positions, quaternions = observation.positions.copy(), observation.quaternions.copy()
     seen, facing = observation.position_mask.copy(), observation.orientation_mask.copy()
-    away = np.empty_like(away_before)
     for j in range(len(positions)):
         off = np.sqrt(np.sum(np.square(positions[j] - predicted_positions[j])))
         alike = abs(np.sum(quaternions[j] * predicted[j]))
         far = (seen[j] and off > _JUMP) or (facing[j] and alike < _COSINE_OF_HALF_TWIST)
-        away[j] = min(away_before[j] + 1, LONG) if far else 0
+        away[j] = min(attention.away[j] + 1, LONG) if far else 0
         if not (seen[j] or facing[j]):
             away[j] = LONG
         if far and away[j] <= _DOUBT:
@@ -147,4 +129,7 @@ def _listen(observation, predicted_positions, predicted, away_before, reference)
         positions[reference] = predicted_positions[reference]
     if not facing[reference]:
         quaternions[reference] = predicted[reference]
-    return positions, quaternions, seen, facing, away
+    unguided = 0 if seen[reference] and facing[reference] else min(attention.unguided + 1, LONG)
+    least = TRUST_IN_PLACE if seen[reference] else _LEAST_TRUST
+    trust = max(least, 0.5 * 0.8**unguided)
+    return Heard(positions, quaternions, seen, facing, trust), unguided

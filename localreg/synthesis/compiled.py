@@ -21,6 +21,7 @@ from localreg.body.chain import (
     logarithm,
     multiply,
     place,
+    room_to_place,
     tracker_jacobian,
 )
 from localreg.synthesis.linear_algebra import factorize, substitute
@@ -190,7 +191,9 @@ def energy_at(chain, observation, control, belief, qpos, placed, errors, deviati
 
 @njit(cache=True)
 @no_type_check
-def minimize(chain, observation, control, belief, start, max_steps, tolerance, placed, errors):
+def minimize(
+    chain, observation, control, belief, max_steps, tolerance, qpos, H, errors, orientations
+):
     """Minimize the energy from a start.
 
     Args:
@@ -198,19 +201,19 @@ def minimize(chain, observation, control, belief, start, max_steps, tolerance, p
         observation: what the trackers say.
         control: how they count.
         belief: the prior.
-        start: pose to start from.
         max_steps: cap of attempted steps.
         tolerance: expected decrease of the energy that is not worth a step.
-        placed: written: where the result puts things.
-        errors: written: its position and orientation errors.
+        qpos: pose to start from; written: the result.
+        H: written: the Hessian there (whole matrix).
+        errors: written: position and orientation errors there.
+        orientations: written: where the trackers face there.
 
     Returns:
-        The pose, its energy, the attempted steps, and the Hessian there (whole matrix).
+        The energy, and the attempted steps.
     """
-    qpos, trial = start.copy(), np.empty_like(start)
+    placed, trial = room_to_place(chain), np.empty_like(qpos)
     deviation, pull = np.empty(_TANGENT), np.empty(_TANGENT)
-    H, g = np.empty((_TANGENT, _TANGENT)), np.empty(_TANGENT)
-    L, step = np.zeros((_TANGENT, _TANGENT)), np.empty(_TANGENT)
+    g, step, L = np.empty(_TANGENT), np.empty(_TANGENT), np.zeros((_TANGENT, _TANGENT))
     jacobian = np.empty((len(chain.site_body), 6, _TANGENT))
     energy = energy_at(chain, observation, control, belief, qpos, placed, errors, deviation, pull)
     tracker_jacobian(chain, placed, jacobian)
@@ -245,4 +248,5 @@ def minimize(chain, observation, control, belief, start, max_steps, tolerance, p
     for a in range(_TANGENT):
         for b in range(a):
             H[b, a] = H[a, b]
-    return qpos, energy, steps, H
+    orientations[:] = placed.site_orientation
+    return energy, steps

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32
 from numpy import ndarray
 
-from localreg.database.block_search import BlockSearch
+from localreg.database.block_search import BlockSearch, plain
 from localreg.database.neighbours import Metric, Query
 from localreg.database.store import PoseDatabase
 from localreg.database.view import SubjectView
@@ -64,8 +64,8 @@ class ExampleSource:
 
     @cached_property
     def angles(self) -> Float32[ndarray, "N 56"]:
-        """Joint angles of all poses: a plain array, since indexing a memory map is slow [rad]."""
-        return np.asarray(self.database.angles)
+        """Joint angles of all poses, plain, since indexing a memory map is slow [rad]."""
+        return plain(self.database.angles)
 
     def find(self, query: Query) -> Examples:
         """The nearest examples, single precision as stored."""

@@ -322,12 +322,12 @@ def _predict(
     rows, squared = near
     weights = kernel_weights(squared)
     raw = np.concatenate([query.history.ravel(), query.features])
-    angles = pose.fit(rows, weights, raw, None, source.angles[rows], settings.pose_ridge)
+    angles = pose.fit(rows, weights, raw, source.angles[rows], settings.pose_ridge)
     wanted = source.angles[row].astype(float) - angles.mean
     # The past before a step is known better than its share of lasting noise says.
     past = database.histories(np.array([row]), settings.history)[0].ravel().astype(float)
     into = transitions.of(rows)
-    moves = step.fit(rows, weights, past, None, into, settings.step_ridge)
+    moves = step.fit(rows, weights, past, into, settings.step_ridge)
     middle = rows[int(NEAR * settings.neighbours)]
     apart = database.angles[middle - np.arange(1, settings.history + 1)] - query.history
     metric = source.metric

@@ -8,7 +8,7 @@ the time, and centered inputs in units of their noise lose nothing by it.
 from typing import NamedTuple, no_type_check
 
 import numpy as np
-from jaxtyping import Float, Float32
+from jaxtyping import Float
 from numba import njit
 from numpy import ndarray
 
@@ -25,18 +25,14 @@ class Normal(NamedTuple):
     covariance: Float[ndarray, "d d"]
 
 
-def kernel_weights(squared_distances: Float[ndarray, " K"]) -> Float[ndarray, " K"]:
+@njit(cache=True)
+@no_type_check
+def kernel_weights(squared_distances):
     """Weights that fall smoothly from 1 at the query to 0 beyond the farthest neighbour.
 
     Rows at infinite distance, which only fill the shape, get none; where no row is at a
     finite distance, all count alike.
     """
-    return _kernel_weights(squared_distances)
-
-
-@njit(cache=True)
-@no_type_check
-def _kernel_weights(squared_distances):
     farthest = -1.0
     for squared in squared_distances:
         if np.isfinite(squared):
@@ -51,21 +47,15 @@ def _kernel_weights(squared_distances):
     return weights
 
 
-def within_reach(
-    X: Float[ndarray, "K n"], weights: Float[ndarray, " K"], x: Float[ndarray, " n"]
-) -> Float[ndarray, " n"]:
+@njit(cache=True)
+@no_type_check
+def within_reach(X, weights, x):
     """The input, held near those of the examples that count; in units of its noise.
 
     A local regression has nothing to say far from its examples: a tracker that jumped by
     5 m bent the prediction by radians, and the body followed it 60 cm. Held within the
     examples' range, a quarter of it and three deviations, 3 cm.
     """
-    return _within_reach(X, weights, x)
-
-
-@njit(cache=True)
-@no_type_check
-def _within_reach(X, weights, x):
     low, high = np.full_like(x, np.inf), np.full_like(x, -np.inf)
     for i in range(len(X)):
         if weights[i] > 0.0:
@@ -195,16 +185,10 @@ def _normal(fit, share):
     return fit.mean + np.dot(fit.x, slopes), covariance
 
 
-def predict(
-    X: Float32[ndarray, "K n"],
-    Y: Float32[ndarray, "K d"],
-    weights: Float[ndarray, " K"],
-    x: Float32[ndarray, " n"],
-    ridge: float,
-    share: Float[ndarray, " d"],
-    growth: Float[ndarray, "d d"],
-) -> Normal:
-    """What a `LocalFit` says at an input that is held `within_reach`, with a doubt of its own.
+@njit(cache=True)
+@no_type_check
+def predict(X, Y, weights, x, ridge, share):
+    """Mean and covariance of a `LocalFit` at an input that is held `within_reach`.
 
     Args:
         X: inputs of the examples.
@@ -213,15 +197,11 @@ def predict(
         x: the present input.
         ridge: of the regression.
         share: of the predicted deviation that is believed, for every output.
-        growth: what is added to the covariance.
+
+    Returns:
+        The mean, in double precision, and the covariance in that of the examples.
     """
-    return Normal(*_predict(X, Y, weights, x, ridge, share, growth))
-
-
-@njit(cache=True)
-@no_type_check
-def _predict(X, Y, weights, x, ridge, share, growth):
-    held = _within_reach(X, weights, x)
+    held = within_reach(X, weights, x)
     fit = _Fit(*_fit(X, Y, weights.astype(X.dtype), held, X.dtype.type(ridge)))
     mean, covariance = _normal(fit, share.astype(X.dtype))
-    return mean.astype(np.float64), growth + covariance
+    return mean.astype(np.float64), covariance

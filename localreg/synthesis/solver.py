@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from localreg.body.chain import Chain, blank_placed
+from localreg.body.chain import Chain
 from localreg.synthesis.belief import Belief
 from localreg.synthesis.compiled import Control, minimize
 from localreg.synthesis.observation import Observation
@@ -84,13 +84,14 @@ class CompiledSolver(Solver):
 
     def solve(self, problem: Problem, start: Float[ndarray, "63"], max_steps: int) -> Solution:
         """The best pose found from a start."""
-        placed = blank_placed(problem.chain)
-        errors = np.zeros_like(placed.site_position), np.zeros_like(placed.site_position)
-        qpos, least, steps, hessian = minimize(
+        trackers, size = len(problem.chain.site_body), len(problem.belief.mean)
+        qpos, hessian, orientations = start.copy(), np.empty((size, size)), np.empty((trackers, 4))
+        errors = np.empty((trackers, 3)), np.empty((trackers, 3))
+        least, steps = minimize(
             problem.chain, problem.observation, problem.control, problem.belief,
-            start, max_steps, self.tolerance, placed, errors,
+            max_steps, self.tolerance, qpos, hessian, errors, orientations,
         )  # fmt: skip
-        return Solution(qpos, least, steps, hessian, *errors, placed.site_orientation)
+        return Solution(qpos, least, steps, hessian, *errors, orientations)
 
 
 def _reference() -> Solver:

@@ -1,9 +1,10 @@
 """What an estimator carries from frame to frame."""
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float
+from numba import njit
 from numpy import ndarray
 
 from localreg.body.chain import difference, integrate
@@ -72,23 +73,29 @@ def state_at(qpos: Float[ndarray, "63"], history: int, trackers: int) -> State:
 
 def remember(state: State, qpos: Float[ndarray, "63"]) -> State:
     """The state with a solved pose in front of its history, the oldest dropped."""
-    velocity = np.empty(TANGENT_SIZE)
-    difference(np.asarray(state.qpos, dtype=float), qpos, velocity)
-    return state._replace(
-        qpos=qpos,
-        velocity=velocity[:6],
-        history=np.concatenate([qpos[None, 7:], state.history[:-1]]),
-        history_valid=np.concatenate([[True], state.history_valid[:-1]]),
-    )
-
-
-def coasting(state: State) -> Float[ndarray, "63"]:
-    """Where the pose would be with the velocity of the last step."""
     history, valid = np.asarray(state.history), np.asarray(state.history_valid)
+    velocity, later, later_valid = np.empty(6), np.empty_like(history), np.empty_like(valid)
+    before = np.asarray(state.qpos, dtype=float)
+    _remember(before, qpos, history, valid, velocity, later, later_valid)
+    return state._replace(qpos=qpos, velocity=velocity, history=later, history_valid=later_valid)
+
+
+@njit(cache=True)
+@no_type_check
+def _remember(before, qpos, history, valid, velocity, later, later_valid):
+    step = np.empty(TANGENT_SIZE)
+    difference(before, qpos, step)
+    velocity[:] = step[:6]
+    later[0], later[1:] = qpos[7:], history[:-1]
+    later_valid[0], later_valid[1:] = True, valid[:-1]
+
+
+@njit(cache=True)
+@no_type_check
+def coast(qpos, velocity, history, valid, ahead):
+    """Write where the pose would be with the velocity of the last step."""
     step = np.zeros(TANGENT_SIZE)
-    step[:6] = state.velocity
-    if valid[:2].all():
+    step[:6] = velocity
+    if np.all(valid[:2]):
         step[6:] = history[0] - history[1]
-    qpos = np.empty(QPOS_SIZE)
-    integrate(np.asarray(state.qpos, dtype=float), step, qpos)
-    return qpos
+    integrate(qpos, step, ahead)

@@ -19,7 +19,8 @@ from localreg.body.subject import Subject
 from localreg.database.features import FeatureLayout
 from localreg.database.neighbours import Query
 from localreg.synthesis.alignment import align_root
-from localreg.synthesis.attention import Attention, listen, observe
+from localreg.synthesis.ask import ask
+from localreg.synthesis.attention import Attention, observe
 from localreg.synthesis.belief import Belief
 from localreg.synthesis.compiled import Control
 from localreg.synthesis.estimator import Estimator, Pose, Result
@@ -31,7 +32,6 @@ from localreg.synthesis.solver import SOLVERS, Problem, Solution, Solver
 from localreg.synthesis.state import (
     State,
     blank_state,
-    coasting,
     remember,
     state_at,
 )
@@ -54,10 +54,20 @@ class Residuals(NamedTuple):
     Attributes:
         distances: [m].
         angles: [rad].
+        median_square: the upper median of their squares in units of their sigmas; 0 if there
+            are none.
+        measured: share of positions and orientations that is measured.
     """
 
     distances: Float[ndarray, " J"]
     angles: Float[ndarray, " J"]
+    median_square: float
+    measured: float
+
+    @property
+    def are_far(self) -> bool:
+        """Whether most trackers are far from where they are synthesized."""
+        return self.median_square > _FAR
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,25 +115,23 @@ class Synthesizer(Estimator[State]):
         if not solved:
             solution = self._stay(state, observation, expectation)
         covariance = _inverse(solution.hessian)
-        residuals = _residuals(observation, solution)
+        residuals = self._residuals(observation, solution)
         after = remember(state, solution.qpos)._replace(
             covariance=covariance,
             attention=attention,
             drift=self.prior.conclude(expectation, solution.qpos, covariance),
             near=expectation.near,
-            lost=state.lost + 1 if self._is_far(residuals) else 0,
+            lost=state.lost + 1 if residuals.are_far else 0,
         )
         result = Result.SOLVED if solved else Result.FAILED
         if after.lost >= LOST_AFTER:
             after = after._replace(lost=0)
             blank = self._blank()._replace(qpos=after.qpos)
             found, sought = self._acquire(blank, observation)
-            beside = _residuals(observation, sought)
-            if sought.ok and not self._is_far(beside):
+            beside = self._residuals(observation, sought)
+            if sought.ok and not beside.are_far:
                 after, solution, residuals, result = found, sought, beside, Result.REACQUIRED
-        return after, self._pose(
-            frame.time, after, observation, solution, residuals, expectation, result
-        )
+        return after, self._pose(frame.time, after, solution, residuals, expectation, result)
 
     @cached_property
     def _layout(self) -> FeatureLayout:
@@ -142,21 +150,9 @@ class Synthesizer(Estimator[State]):
 
     def _query(self, state: State, observation: Observation) -> tuple[Query, Attention]:
         """What is known before the pose is solved, and whom it was heard from."""
-        layout = self._layout
-        positions, quaternions = place_trackers(self.chain, coasting(state))
-        heard, attention = listen(
-            observation, positions, quaternions, state.attention, layout.reference
-        )
-        trust = layout.trust(heard.seen, heard.facing, heard.in_reference)
-        if not self.settings.search_by_trackers and np.any(state.history_valid):
-            trust = np.zeros_like(trust)
-        query = Query(
-            history=np.asarray(state.history),
-            history_valid=np.asarray(state.history_valid),
-            features=layout.extract(heard.positions, heard.quaternions),
-            feature_trust=trust,
-            near=state.near,
-        )
+        query, attention = ask(self.chain, self._layout, state, observation)
+        if not self.settings.search_by_trackers and np.any(query.history_valid):
+            query = query._replace(feature_trust=np.zeros_like(query.feature_trust))
         return query, attention
 
     @cached_property
@@ -210,70 +206,52 @@ class Synthesizer(Estimator[State]):
         found = state_at(best.qpos, self.settings.history, len(self.subject.trackers))
         return found._replace(covariance=_inverse(best.hessian)), best
 
-    def _is_far(self, residuals: Residuals) -> bool:
-        """Whether most trackers are far from where they are synthesized."""
-        return bool(_median_square(residuals, self._control) > _FAR)
+    def _residuals(self, observation: Observation, solution: Solution) -> Residuals:
+        distances, angles = np.empty((2, len(observation.position_mask)))
+        median, measured = _residuals(
+            solution.position_errors, solution.orientation_errors, observation, self._control,
+            distances, angles,
+        )  # fmt: skip
+        return Residuals(distances, angles, median, measured)
 
     def _pose(
         self,
         time: float,
         state: State,
-        observation: Observation,
         solution: Solution,
         residuals: Residuals,
         expectation: Expectation,
         result: Result,
     ) -> Pose:
-        seen, facing = observation.position_mask, observation.orientation_mask
-        measured = (np.count_nonzero(seen) + np.count_nonzero(facing)) / (2 * len(seen))
         return Pose(
             time=time,
             qpos=solution.qpos,
             position_residuals=residuals.distances,
             orientation_residuals=residuals.angles,
-            confidence=expectation.confidence * measured,
+            confidence=expectation.confidence * residuals.measured,
             predicted_sigma=expectation.caution * np.sqrt(np.diagonal(state.covariance)[6:]),
             steps=solution.steps,
             result=result,
         )
 
 
-def _residuals(observation: Observation, solution: Solution) -> Residuals:
-    return Residuals(
-        *_lengths(
-            solution.position_errors, observation.position_mask,
-            solution.orientation_errors, observation.orientation_mask,
-        )
-    )  # fmt: skip
-
-
 @njit(cache=True)
 @no_type_check
-def _lengths(positions, seen, orientations, facing):
-    """Lengths of some errors; NaN where not measured."""
-    distances, angles = np.full(len(seen), np.nan), np.full(len(seen), np.nan)
-    for j in range(len(seen)):
-        if seen[j]:
+def _residuals(positions, orientations, observation, control, distances, angles):
+    """Write the lengths of errors; returns the rest of `Residuals`."""
+    distances[:], angles[:] = np.nan, np.nan
+    squares, count = np.empty(2 * len(distances)), 0
+    for j in range(len(distances)):
+        if observation.position_mask[j]:
             distances[j] = np.sqrt(np.sum(np.square(positions[j])))
-        if facing[j]:
+            squares[count] = (distances[j] / control.sigma_position) ** 2
+            count += 1
+        if observation.orientation_mask[j]:
             angles[j] = np.sqrt(np.sum(np.square(orientations[j])))
-    return distances, angles
-
-
-@njit(cache=True)
-@no_type_check
-def _median_square(residuals, control):
-    """The upper median of residuals' squares in units of their sigmas; 0 if there are none."""
-    squares, count = np.empty(2 * len(residuals.distances)), 0
-    for distance in residuals.distances:
-        if np.isfinite(distance):
-            squares[count] = (distance / control.sigma_position) ** 2
+            squares[count] = (angles[j] / control.sigma_orientation) ** 2
             count += 1
-    for angle in residuals.angles:
-        if np.isfinite(angle):
-            squares[count] = (angle / control.sigma_orientation) ** 2
-            count += 1
-    return np.sort(squares[:count])[count // 2] if count else 0.0
+    median = np.sort(squares[:count])[count // 2] if count else 0.0
+    return median, count / len(squares)
 
 
 @njit(cache=True)

@@ -7,7 +7,7 @@ directions. What does not change from frame to frame is worked out here once.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import no_type_check
+from typing import NamedTuple, no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int16
@@ -17,12 +17,24 @@ from scipy.spatial.transform import Rotation
 
 from localreg.body.skeleton import DOF_COUNT
 from localreg.database.store import PoseDatabase
-from localreg.synthesis.local_fit import LocalFit, Normal, predict, within_reach
+from localreg.synthesis.local_fit import LocalFit, within_reach
 
 Raw = Callable[[Int[ndarray, " rows"]], Float32[ndarray, "rows n"]]
 
 _BASIS_ROWS = 4000  # windows that principal directions are found from
 _CHUNK = 8192  # rows at a time: bounds memory
+
+
+class Reduced(NamedTuple):
+    """Reduced inputs of a regression.
+
+    Attributes:
+        examples: of the neighbours.
+        query: the present ones.
+    """
+
+    examples: Float32[ndarray, "K r"]
+    query: Float32[ndarray, " r"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,12 +73,28 @@ class Inputs:
         away = raw - self.center
         return (away if trust is None else away * trust).astype(np.float32) @ self.onto
 
+    def at(
+        self,
+        rows: Int[ndarray, " K"],
+        raw: Float[ndarray, " n"],
+        trust: Float[ndarray, " n"] | None = None,
+    ) -> "Reduced":
+        """Reduced inputs of some rows and of a query, as far as the query's are trusted.
+
+        Args:
+            rows: the examples.
+            raw: the query's.
+            trust: how far each of its entries is believed; fully if None.
+        """
+        if self.reduced is not None and trust is None:
+            return Reduced(*_at(self.reduced, self.unit, self.center, self.onto, rows, raw))
+        return Reduced(self.of(rows, trust), self.reduce(raw, trust))
+
     def fit(
         self,
         rows: Int[ndarray, " K"],
         weights: Float[ndarray, " K"],
         raw: Float[ndarray, " n"],
-        trust: Float[ndarray, " n"] | None,
         outputs: Float32[ndarray, "K d"],
         ridge: float,
     ) -> LocalFit:
@@ -76,28 +104,11 @@ class Inputs:
             rows: the examples.
             weights: how they count.
             raw: the present input.
-            trust: how far each of its entries is believed; fully if None.
             outputs: of the examples.
             ridge: of the regression.
         """
-        X = self.of(rows, trust)
-        x = within_reach(X, weights, self.reduce(raw, trust))
-        return LocalFit(X, outputs, weights, x, ridge)
-
-    def predict(
-        self,
-        rows: Int[ndarray, " K"],
-        weights: Float[ndarray, " K"],
-        raw: Float[ndarray, " n"],
-        trust: Float[ndarray, " n"] | None,
-        outputs: Float32[ndarray, "K d"],
-        ridge: float,
-        share: Float[ndarray, " d"],
-        growth: Float[ndarray, "d d"],
-    ) -> Normal:
-        """What that regression says, as far as it is believed; see `local_fit.predict`."""
-        X = self.of(rows, trust)
-        return predict(X, outputs, weights, self.reduce(raw, trust), ridge, share, growth)
+        X, x = self.at(rows, raw)
+        return LocalFit(X, outputs, weights, within_reach(X, weights, x), ridge)
 
     def worked_out(self, targets: Bool[ndarray, " N"]) -> "Inputs":
         """The same with the inputs of all targets reduced beforehand."""
@@ -115,6 +126,15 @@ class Inputs:
 
     def _along(self, rows: Int[ndarray, " rows"]) -> Float32[ndarray, "rows r"]:
         return (self.raw(rows) - self.center) @ self.onto
+
+
+@njit(cache=True)
+@no_type_check
+def _at(reduced, unit, center, onto, rows, raw):
+    away = np.empty(len(raw), np.float32)
+    for n in range(len(raw)):
+        away[n] = raw[n] - center[n]
+    return _read(reduced, unit, rows), np.dot(away, onto)
 
 
 @njit(cache=True)
@@ -200,7 +220,7 @@ class Steps:
 
     def of(self, rows: Int[ndarray, " rows"]) -> Float32[ndarray, "rows 62"]:
         """The steps into some poses that have a pose before."""
-        return _steps(self.root, self.angles, rows)
+        return steps_into(self.root, self.angles, rows)
 
 
 def steps(database: PoseDatabase, targets: Bool[ndarray, " N"]) -> Steps:
@@ -219,7 +239,8 @@ def steps(database: PoseDatabase, targets: Bool[ndarray, " N"]) -> Steps:
 
 @njit(cache=True)
 @no_type_check
-def _steps(root, angles, rows):
+def steps_into(root, angles, rows):
+    """`Steps.of` as machine code."""
     out = np.empty((len(rows), root.shape[1] + angles.shape[1]), np.float32)
     whole = np.float32(2.0 * np.pi)
     for i in range(len(rows)):

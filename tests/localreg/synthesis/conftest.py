@@ -9,7 +9,7 @@ from localreg.body.subject import Subject
 from localreg.database import PoseDatabase
 from localreg.evaluation.body_points import BodyPoints
 from localreg.evaluation.playback import play
-from localreg.evaluation.trackers import SimulatedTrackers, TrackerQuality, simulate_trackers
+from localreg.evaluation.trackers import SimulatedTrackers, simulate_trackers
 from localreg.motion.motion import Motion
 from localreg.motion.sources import read_sources
 from localreg.synthesis.methods import build_estimator
@@ -66,7 +66,7 @@ def body(subject: Subject) -> BodyPoints:
 @pytest.fixture(scope="session")
 def trackers(walk: Motion, body: BodyPoints) -> SimulatedTrackers:
     """What its six trackers report, as noisy as in evaluations."""
-    return simulate_trackers(walk, TrackerQuality(), body=body)
+    return simulate_trackers(walk, truth=body.tracker_poses(walk.qpos))
 
 
 @pytest.fixture(scope="session")

@@ -15,8 +15,9 @@ from localreg.body import chain
 from localreg.database.neighbours import Query
 from localreg.evaluation.trackers import simulate_trackers
 from localreg.motion.motion import Motion
-from localreg.synthesis.local_fit import kernel_weights
-from localreg.synthesis.local_regression import LocalRegression, to_the_world
+from localreg.synthesis.local_fit import Normal, kernel_weights
+from localreg.synthesis.local_regression import LocalRegression
+from localreg.synthesis.look_ahead import regress, to_the_world
 from localreg.synthesis.prior import Expectation
 from localreg.synthesis.state import State
 from localreg.synthesis.synthesizer import Synthesizer
@@ -69,15 +70,26 @@ def standardize(localreg: Synthesizer, motion: Motion) -> Standardized:
     poses = follow(estimator, list(simulate_trackers(motion))[:80])
     bent = moving(motion)
     stepped = np.concatenate([np.ones(6, dtype=bool), bent])
-    rows = []
+    found = []
     for index in range(UNCOUNTED, len(poses)):
         query, state, expected = asked[index]
         now, before = motion.qpos[index], motion.qpos[index - 1]
         neighbours = prior.source.search.search(query, prior.settings.neighbours)
         distance = prior._distance(neighbours, query)
         weights = kernel_weights(neighbours.squared_distances)
-        pose = prior._pose(neighbours.rows, weights, query, distance)
-        step = prior._step(neighbours.rows, weights, query, distance)
+        rows = neighbours.rows
+        pose = Normal(
+            *regress(
+                prior._pose_inputs(rows, query), prior.source.angles[rows], weights,
+                prior._pose, distance,
+            )
+        )  # fmt: skip
+        step = Normal(
+            *regress(
+                prior._step_inputs(rows, query), prior.experience.steps.of(rows), weights,
+                prior._step, distance,
+            )
+        )  # fmt: skip
         to_the_world(np.asarray(state.qpos)[3:7], step.mean, step.covariance)
         assert expected.covariance is not None
         parts = (
@@ -90,8 +102,8 @@ def standardize(localreg: Synthesizer, motion: Motion) -> Standardized:
             ),
             (poses[index].qpos[7:] - now[7:], poses[index].predicted_sigma ** 2, bent),
         )
-        rows.append([(error / np.sqrt(variance))[kept] for error, variance, kept in parts])
-    return Standardized(*map(np.array, zip(*rows, strict=True)))
+        found.append([(error / np.sqrt(variance))[kept] for error, variance, kept in parts])
+    return Standardized(*map(np.array, zip(*found, strict=True)))
 
 
 @pytest.fixture(scope="module")

@@ -95,7 +95,7 @@ def test_a_stream_is_what_it_was_when_something_was_first_measured(fresh, tracke
 
 @pytest.mark.parametrize(("signals", "worst"), [("position", 1.5), ("orientation", 1.3)])
 def test_streams_of_half_the_signals_are_followed(signals, worst, fresh, walk, body) -> None:
-    frames = list(simulate_trackers(walk, TrackerQuality(signals=signals), body=body))
+    frames = list(simulate_trackers(walk, TrackerQuality(signals=signals)))
     session = Session(walk.qpos, body, follow(fresh, frames))
     assert list(prior_of(fresh)._halves) == [signals]
     errors = np.abs(session.qpos[5:, 7:] - walk.qpos[5:, 7:])

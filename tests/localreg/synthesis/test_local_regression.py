@@ -1,6 +1,6 @@
 """The default prior: it knows what it knows, and learns how the step lately misled."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,26 +10,14 @@ from localreg.body import chain
 from localreg.evaluation.trackers import simulate_trackers
 from localreg.motion.motion import Motion, Provenance
 from localreg.synthesis.attention import observe
-from localreg.synthesis.local_regression import Drift, LocalRegression
+from localreg.synthesis.local_regression import LocalRegression
+from localreg.synthesis.look_ahead import Drift
 from localreg.synthesis.state import State, blank_state, remember
 from localreg.synthesis.synthesizer import Synthesizer
 from tests.localreg.database.made_motion import make_motion
 from tests.localreg.synthesis.sessions import RATE, Session, follow, only, without
 
 ALL, NONE = np.ones(6, dtype=bool), np.zeros(6, dtype=bool)
-
-
-@dataclass(frozen=True, eq=False)
-class Misled(LocalRegression):
-    """Takes one joint to turn by the same amount too little in every step."""
-
-    joint: int
-    amount: float
-
-    def _step(self, rows, weights, query, distance):
-        step = super()._step(rows, weights, query, distance)
-        step.mean[6 + self.joint] -= self.amount
-        return step
 
 
 class Forgetful(LocalRegression):
@@ -69,11 +57,19 @@ def step_errors(
     return np.array(errors)
 
 
+def with_steps_too_short(prior: LocalRegression, joint: int, amount: float) -> LocalRegression:
+    """One that has learned one joint to turn by the same amount too little in every step."""
+    steps = prior.experience.steps
+    angles = np.array(steps.angles, dtype=float)
+    angles[:, joint] -= amount * np.arange(len(angles))
+    short = replace(steps, angles=angles.astype(np.float32))
+    return replace(prior, experience=replace(prior.experience, steps=short))
+
+
 def test_a_constant_error_of_the_step_is_learned(localreg, prior, walk):
     """Of a joint whose steps are not sure anyway."""
     joint = int(np.argmax(np.diagonal(prior.experience.step_growth)[6:]))
-    parts = {name: getattr(prior, name) for name in prior.__dataclass_fields__}
-    misled = Misled(**parts, joint=joint, amount=np.radians(4.0))
+    misled = with_steps_too_short(prior, joint, np.radians(4.0))
     learned, forgot = (
         step_errors(localreg, misled, walk, remembering=remembering)[:, joint]
         for remembering in (True, False)
@@ -87,7 +83,7 @@ def test_a_constant_error_of_the_step_is_learned(localreg, prior, walk):
 def test_remembering_helps_on_a_walk(localreg, prior, walk, body):
     """In a session with noise, as against a prior that forgets every time."""
     forgetful = Forgetful(**{name: getattr(prior, name) for name in prior.__dataclass_fields__})
-    frames = list(simulate_trackers(walk, body=body))
+    frames = list(simulate_trackers(walk))
     learned, forgot = (
         Session(walk.qpos, body, follow(replace(localreg, prior=each), frames)).errors[5:].mean()
         for each in (prior, forgetful)
