@@ -218,7 +218,7 @@ def _fuse(pose, doubt, share, ahead):
     pull = np.zeros(len(carried))
     for i in range(len(new)):
         for j in range(len(new)):
-            told = share * new[i, j]
+            told = 0.5 * share * (new[i, j] + new[j, i])
             information[6 + i, 6 + j] += told
             pull[6 + i] += told * (pose[j] - ahead.qpos[7 + j])
     L = np.zeros_like(information)
