@@ -1,8 +1,8 @@
 """An estimator without a database, for whoever wants the code of frames compiled early.
 
-What it runs, it runs with the types of the default method: attention, regression, solver. What
-needs a database to be compiled (features, search, rehearsal, drift) is missing, and takes a
-little longer; so two processes can compile at once, each about half.
+What it runs, it runs with the types of the default method: attention, regressions, solver. What
+needs a database to be compiled (features, search, rehearsal) is missing, and takes about as
+long; so two processes can compile at once.
 """
 
 from typing import Final
@@ -14,15 +14,37 @@ from numpy import ndarray
 from localreg.body.chain import chain_of
 from localreg.body.skeleton import DOF_COUNT, TANGENT_SIZE
 from localreg.body.subject import canonical_subject
-from localreg.database.neighbours import Query
+from localreg.database.block_search import plain
+from localreg.database.neighbours import Neighbours, Query
 from localreg.synthesis.belief import Belief, Limits
-from localreg.synthesis.local_fit import LocalFit, kernel_weights, predict, within_reach
+from localreg.synthesis.local_fit import LocalFit, kernel_weights, within_reach
+from localreg.synthesis.look_ahead import (
+    NO_DRIFT,
+    Ahead,
+    Memory,
+    Outputs,
+    Regression,
+    blank_ahead,
+    blank_drift,
+    correct,
+    look_ahead,
+    regress,
+)
 from localreg.synthesis.prior import STARTS, Acquisition, Expectation, Prior
 from localreg.synthesis.settings import METHODS
 from localreg.synthesis.state import State
 from localreg.synthesis.synthesizer import Synthesizer
+from localreg.synthesis.windows import Reduced
 
 _RATE: Final = 40.0
+_SETTINGS: Final = METHODS["localreg"]
+_NEAR: Final = Neighbours(
+    np.ones(_SETTINGS.neighbours, dtype=np.int64), np.linspace(0.1, 1.0, _SETTINGS.neighbours)
+)
+_INPUTS: Final = Reduced(
+    np.zeros((_SETTINGS.neighbours, _SETTINGS.components), dtype=np.float32),
+    np.zeros(_SETTINGS.components, dtype=np.float32),
+)
 _WIDE: Final = Limits(np.full(DOF_COUNT, -np.pi), np.full(DOF_COUNT, np.pi), 0.1)
 
 
@@ -31,26 +53,47 @@ class _Resting(Prior):
 
     def expect(self, query: Query, state: State) -> Expectation:
         qpos = np.array(state.qpos, dtype=float)
-        return Expectation(Belief(qpos, np.zeros(TANGENT_SIZE), np.eye(TANGENT_SIZE), _WIDE))
+        ahead = _look_ahead(qpos, np.asarray(state.covariance))
+        return Expectation(
+            Belief(qpos, np.zeros(TANGENT_SIZE), np.eye(TANGENT_SIZE), _WIDE), drift=ahead
+        )
+
+    def conclude(
+        self,
+        expectation: Expectation,
+        qpos: Float[ndarray, "63"],
+        covariance: Float[ndarray, "62 62"],
+    ) -> None:
+        correct(expectation.drift, np.zeros(TANGENT_SIZE), covariance, blank_drift())
 
     def acquire(self, query: Query) -> Acquisition:
-        mean, covariance = _regress()
+        Y = np.zeros((len(_INPUTS.examples), DOF_COUNT), dtype=np.float32)
+        weights = kernel_weights(_NEAR.squared_distances)
+        LocalFit(
+            _INPUTS.examples, Y, weights,
+            within_reach(_INPUTS.examples, weights, _INPUTS.query), _SETTINGS.pose_ridge,
+        ).normal(np.ones(DOF_COUNT))  # fmt: skip
+        mean, covariance = regress(_INPUTS, Y, weights, _regression(DOF_COUNT), 1.0)
         return Acquisition(np.zeros((STARTS, DOF_COUNT)), mean, np.linalg.inv(covariance))
 
 
 def stand_in() -> Synthesizer:
     """The estimator."""
     subject = canonical_subject()
-    return Synthesizer(subject, _RATE, METHODS["localreg"], chain_of(subject), _Resting())
+    return Synthesizer(subject, _RATE, _SETTINGS, chain_of(subject), _Resting())
 
 
-def _regress() -> tuple[Float[ndarray, "56"], Float[ndarray, "56 56"]]:
-    """Regressions of nothing on nothing, of the kinds that rehearsal and frames run."""
-    settings = METHODS["localreg"]
-    X = np.zeros((settings.neighbours, settings.components), dtype=np.float32)
-    Y = np.zeros((settings.neighbours, DOF_COUNT), dtype=np.float32)
-    weights = kernel_weights(np.linspace(0.1, 1.0, len(X)))
-    share = np.ones(DOF_COUNT)
-    held = within_reach(X, weights, X[0])
-    LocalFit(X, Y, weights, held, settings.pose_ridge).normal(share)
-    return predict(X, Y, weights, X[0], settings.pose_ridge, share, np.eye(DOF_COUNT))
+def _look_ahead(qpos: Float[ndarray, "63"], covariance: Float[ndarray, "62 62"]) -> Ahead:
+    """Regressions of nothing on nothing, and what follows from them."""
+    nothing = np.zeros((2, DOF_COUNT), dtype=np.float32)
+    outputs = Outputs(*map(plain, (nothing, nothing[:, :6].copy(), nothing)))
+    memory, ahead = Memory(0.0, 1e-3, 1e-3, 1.0), blank_ahead()
+    look_ahead(
+        qpos, covariance, NO_DRIFT, _NEAR, 1.0, _INPUTS, _INPUTS, _regression(DOF_COUNT),
+        _regression(TANGENT_SIZE), outputs, memory, ahead,
+    )  # fmt: skip
+    return ahead
+
+
+def _regression(size: int) -> Regression:
+    return Regression(1.0, np.ones(size), np.eye(size), 0.0)
