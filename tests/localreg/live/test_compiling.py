@@ -40,17 +40,19 @@ print(json.dumps([alone, compiled()]))
 """
 
 BY_ITSELF = (
+    "localreg.synthesis.ask._ask",
     "localreg.synthesis.attention._observe",
-    "localreg.synthesis.attention._listen",
     "localreg.synthesis.compiled.minimize",
     "localreg.synthesis.local_fit._fit",
     "localreg.synthesis.local_fit._normal",
-    "localreg.synthesis.local_fit._predict",
-    "localreg.synthesis.local_fit._kernel_weights",
-    "localreg.synthesis.local_fit._within_reach",
+    "localreg.synthesis.local_fit.kernel_weights",
+    "localreg.synthesis.local_fit.within_reach",
+    "localreg.synthesis.look_ahead.correct",
+    "localreg.synthesis.look_ahead.look_ahead",
+    "localreg.synthesis.look_ahead.regress",
+    "localreg.synthesis.state._remember",
     "localreg.synthesis.synthesizer._inverse",
-    "localreg.synthesis.synthesizer._lengths",
-    "localreg.synthesis.synthesizer._median_square",
+    "localreg.synthesis.synthesizer._residuals",
 )
 
 # Two at once would both find no index, were it not for the lock: saving it takes a while here.
