@@ -29,11 +29,13 @@ from calibration.eigen_skeleton import (
     average_subject,
     find_skeletons,
     learn,
+    lengths_of,
     published_prior,
     stature,
 )
 from calibration.fit import FitSettings, align, default_mounts
 from calibration.holds import Hold
+from calibration.motion_fit import MotionFit
 from calibration.motion_mounts import apart
 from calibration.observability import expected_deviations, information
 from calibration.poses import EIGHT_POSES, NAIVE_POSES, TargetPose, with_swapped
@@ -309,8 +311,8 @@ def average_wearer(trial: Trial, prior: SkeletonPrior) -> Subject:
 
 def refined(
     trial: Trial, database: PoseDatabase, clips: Sequence[Motion], seconds: float, seed: int
-) -> Subject:
-    """The subject after ordinary motion, each clip seen without itself in the database."""
+) -> MotionFit:
+    """What ordinary motion adds to the poses, each clip seen without itself in the database."""
     stretches, left = [], seconds
     for number, clip in enumerate(clips):
         if left <= 0.0:
@@ -327,23 +329,20 @@ def refined(
         stretches,
         lambda person: build_estimator("localreg", person, database),
         database,
-    ).subject
+    )
 
 
-def wearers(
-    person: Person, trial: Trial, database: PoseDatabase, clips: Sequence[Motion], seconds: float
-) -> dict[str, Subject]:
+def wearers(person: Person, trial: Trial, better: Subject) -> dict[str, Subject]:
     """What synthesis may be told of a person, from all to nothing."""
     true, calibrated = trial.person, trial.outcome.result.subject
-    better = refined(trial, database, clips, seconds, person.seed)
     return {
         "true": true,
-        "calibrated": calibrated,
-        "true lengths, calibrated mounts": replace(true, mounts=calibrated.mounts),
-        "calibrated lengths, true mounts": replace(calibrated, mounts=true.mounts),
-        "refined": better,
-        "true lengths, refined mounts": replace(true, mounts=better.mounts),
-        "refined lengths, true mounts": replace(better, mounts=true.mounts),
+        "eight poses": calibrated,
+        "true lengths, mounts of the poses": replace(true, mounts=calibrated.mounts),
+        "lengths of the poses, true mounts": replace(calibrated, mounts=true.mounts),
+        "poses and motion": better,
+        "true lengths, mounts of both": replace(true, mounts=better.mounts),
+        "lengths of both, true mounts": replace(better, mounts=true.mounts),
         "average": average_wearer(trial, person.prior),
     }
 
@@ -355,8 +354,9 @@ def synthesis_errors(
     frames: int,
     seconds: float,
     progress: Callable[[int, int, str], None],
-) -> list[dict[str, Any]]:
-    """Error of synthesis with the true subject, with what was found of it, and the average one.
+) -> tuple[list[dict[str, Any]], list[MotionFit]]:
+    """What motion adds to the poses, and the error of synthesis with the true subject, with what
+    was found of it, and with the average one.
 
     Clips are moved to the simulated person's body; the database is the sample set without the
     clip that plays. Every sixth clip is played and none of those is refined by. A refinement's
@@ -366,11 +366,12 @@ def synthesis_errors(
     motions = read_sources(list(sources))[0]
     chosen = sorted(motions[::_PLAYED], key=len)[-clips:]
     others = [m for first in range(2, _PLAYED) for m in motions[first::_PLAYED]]
-    rows = []
+    rows, fits = [], []
     total = len(trials) * len(chosen)
     for person, trial in trials:
         progress(len(rows), total, f"{person.name}: refining")
-        told = wearers(person, trial, database, others, seconds)
+        fits.append(refined(trial, database, others, seconds, person.seed))
+        told = wearers(person, trial, fits[-1].subject)
         for clip in chosen:
             progress(len(rows), total, clip.provenance.name)
             motion = replace(clip.resampled(database.rate).first(frames), subject=trial.person)
@@ -392,7 +393,36 @@ def synthesis_errors(
                 }
             rows.append(row)
     progress(total, total, "")
-    return rows
+    return rows, fits
+
+
+def motion_means(
+    trials: Sequence[tuple[Person, Trial]], fits: Sequence[MotionFit]
+) -> dict[str, dict[str, float]]:
+    """Errors of these people after the poses alone, and after poses and motion."""
+    before = [(t.outcome.result.subject, t.outcome.result.knowledge) for _, t in trials]
+    after = [(fit.subject, fit.knowledge) for fit in fits]
+    means = {}
+    for name, known in (("eight poses", before), ("poses and motion", after)):
+        errors, inside, mounts, turns = [], [], [], []
+        for (person, trial), (subject, knowledge) in zip(trials, known, strict=True):
+            groups = lengths_of(subject)
+            error = nine_lengths(groups) / nine_lengths(person.lengths) - 1.0
+            errors.append(np.abs(error))
+            deviations = nine_deviations(groups, knowledge.log_lengths)
+            inside.append(np.abs(error) <= QUANTILE_90 * deviations)
+            for true, found in zip(trial.person.mounts, subject.mounts, strict=True):
+                distance, turn = apart(true, found)
+                mounts.append(distance)
+                turns.append(turn)
+        means[name] = {
+            "mean_error_percent": float(100.0 * np.mean(errors)),
+            "worst_error_percent": float(100.0 * np.max(errors)),
+            "coverage_90": float(np.mean(inside)),
+            "mount_error_mm": float(1e3 * np.median(mounts)),
+            "mount_turn_error_deg": float(np.degrees(np.median(turns))),
+        }
+    return means
 
 
 def synthesis_means(rows: Sequence[dict[str, Any]]) -> dict[str, dict[str, float]]:
@@ -454,10 +484,12 @@ def main(
                                 "published": PUBLISHED}  # fmt: skip
     if synthesis and usual:
         with progress_bar("synthesizing") as bar:
-            rows = synthesis_errors(
-                usual[-synthesis:], motion or ["sample"], clips, frames, seconds, bar
-            )
+            movers = usual[-synthesis:]
+            rows, fits = synthesis_errors(movers, motion or ["sample"], clips, frames, seconds, bar)
+        moved = motion_means(movers, fits)
+        document["motion"] = {"people": len(movers), "seconds": seconds, "mean": moved}
         document["synthesis"] = {"clips": rows, "mean": synthesis_means(rows)}
+        shown.print(_motion_table(moved, len(movers), seconds))
         shown.print(_synthesis_table(synthesis_means(rows)))
     if json is not None:
         write_json(without_nan(document), json)
@@ -526,6 +558,23 @@ def _bones_table(summary: dict[str, Any]) -> Table:
     ):
         row = [form.format(scale * bone[figure]) for bone in summary["bones"].values()]
         table.add_row(label, *row)
+    return table
+
+
+def _motion_table(means: dict[str, dict[str, float]], people: int, seconds: float) -> Table:
+    title = f"the same lengths, the last {people} people alone, {seconds:.0f} s of motion"
+    table = Table(title=title, title_justify="left")
+    for name in ("", "mean [%]", "worst [%]", "in 90 % interval", "mounts [mm]", "[deg]"):
+        table.add_column(name, justify="right" if name else "left")
+    for name, s in means.items():
+        table.add_row(
+            name,
+            f"{s['mean_error_percent']:.2f}",
+            f"{s['worst_error_percent']:.1f}",
+            f"{100 * s['coverage_90']:.0f} %",
+            f"{s['mount_error_mm']:.1f}",
+            f"{s['mount_turn_error_deg']:.2f}",
+        )
     return table
 
 

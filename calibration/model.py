@@ -41,7 +41,7 @@ _ROOT_UNITS = np.array([0.01] * 3 + [0.02] * 3)
 TURN_UNIT = 0.02
 _SPOT_UNIT = 0.01
 # Keeps what nothing is known of (the mount of a tracker that never reported) defined.
-_FAINT = 1e-4
+FAINT = 1e-4
 
 _GROUPS = group_of_bone()
 
@@ -234,7 +234,7 @@ class CalibrationModel(eqx.Module):
                 (hold.orientation_weights[:, None] * orientation).ravel(),
                 (hold.planted[:, None] * plant).ravel(),
                 local[6:],
-                _FAINT * local[:6],
+                FAINT * local[:6],
             ]
         )
 
@@ -328,7 +328,7 @@ class CalibrationModel(eqx.Module):
                 own_rows,
             ]
         )
-        penalties = jnp.concatenate([jnp.eye(L)[6:], _FAINT * jnp.eye(L)[:6]])
+        penalties = jnp.concatenate([jnp.eye(L)[6:], FAINT * jnp.eye(L)[:6]])
         by_local_rows = jnp.concatenate(
             [
                 (W @ by_local[:J, :3]).reshape(3 * J, L),
@@ -352,7 +352,7 @@ class CalibrationModel(eqx.Module):
     def shared_residual(self, shared: Float[Array, " s"]) -> Float[Array, " s"]:
         """Rows of the penalties on lengths and mounts."""
         J = self.tracker_count
-        strength = np.concatenate([np.ones(GROUP_COUNT + 3 * J), np.full(3 * J + 6, _FAINT)])
+        strength = np.concatenate([np.ones(GROUP_COUNT + 3 * J), np.full(3 * J + 6, FAINT)])
         return jnp.asarray(strength) * shared
 
     def _bone_vectors(self, lengths: Float[Array, "18"]) -> Float[Array, "30 3"]:
