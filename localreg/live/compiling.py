@@ -51,8 +51,11 @@ class Compiling:
         self.close()
 
     def wait(self) -> None:
-        """Until the other process has compiled its half."""
+        """Until the other process has compiled its half; there is something left to do here."""
         if self._process is not None:
+            from localreg.synthesis.stand_in import look_ahead_once
+
+            look_ahead_once()
             try:
                 self._process.wait(_LONGEST)
             except subprocess.TimeoutExpired:

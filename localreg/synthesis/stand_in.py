@@ -1,18 +1,16 @@
 """An estimator without a database, for whoever wants the code of frames compiled early.
 
-What it runs, it runs with the types of the default method: attention, regressions, solver. What
-needs a database to be compiled (features, search, rehearsal) is missing, and takes about as
-long; so two processes can compile at once.
+What it runs, it runs with the types of the default method: attention, regression, solver. What
+is missing takes about as long, so two processes can compile at once: what needs a database
+(features, search, rehearsal), and `look_ahead_once`.
 """
 
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
-from numpy import ndarray
 
 from localreg.body.chain import chain_of
-from localreg.body.skeleton import DOF_COUNT, TANGENT_SIZE
+from localreg.body.skeleton import DOF_COUNT, QPOS_SIZE, TANGENT_SIZE
 from localreg.body.subject import canonical_subject
 from localreg.database.block_search import plain
 from localreg.database.neighbours import Neighbours, Query
@@ -20,7 +18,6 @@ from localreg.synthesis.belief import Belief, Limits
 from localreg.synthesis.local_fit import LocalFit, kernel_weights, within_reach
 from localreg.synthesis.look_ahead import (
     NO_DRIFT,
-    Ahead,
     Memory,
     Outputs,
     Regression,
@@ -53,18 +50,7 @@ class _Resting(Prior):
 
     def expect(self, query: Query, state: State) -> Expectation:
         qpos = np.array(state.qpos, dtype=float)
-        ahead = _look_ahead(qpos, np.asarray(state.covariance))
-        return Expectation(
-            Belief(qpos, np.zeros(TANGENT_SIZE), np.eye(TANGENT_SIZE), _WIDE), drift=ahead
-        )
-
-    def conclude(
-        self,
-        expectation: Expectation,
-        qpos: Float[ndarray, "63"],
-        covariance: Float[ndarray, "62 62"],
-    ) -> None:
-        correct(expectation.drift, np.zeros(TANGENT_SIZE), covariance, blank_drift())
+        return Expectation(Belief(qpos, np.zeros(TANGENT_SIZE), np.eye(TANGENT_SIZE), _WIDE))
 
     def acquire(self, query: Query) -> Acquisition:
         Y = np.zeros((len(_INPUTS.examples), DOF_COUNT), dtype=np.float32)
@@ -83,16 +69,18 @@ def stand_in() -> Synthesizer:
     return Synthesizer(subject, _RATE, _SETTINGS, chain_of(subject), _Resting())
 
 
-def _look_ahead(qpos: Float[ndarray, "63"], covariance: Float[ndarray, "62 62"]) -> Ahead:
-    """Regressions of nothing on nothing, and what follows from them."""
+def look_ahead_once() -> None:
+    """Regressions of nothing on nothing, what follows from them, and its correction."""
     nothing = np.zeros((2, DOF_COUNT), dtype=np.float32)
     outputs = Outputs(*map(plain, (nothing, nothing[:, :6].copy(), nothing)))
     memory, ahead = Memory(0.0, 1e-3, 1e-3, 1.0), blank_ahead()
+    qpos, covariance = np.zeros(QPOS_SIZE), np.eye(TANGENT_SIZE)
+    qpos[3] = 1.0
     look_ahead(
         qpos, covariance, NO_DRIFT, _NEAR, 1.0, _INPUTS, _INPUTS, _regression(DOF_COUNT),
         _regression(TANGENT_SIZE), outputs, memory, ahead,
     )  # fmt: skip
-    return ahead
+    correct(ahead, np.zeros(TANGENT_SIZE), covariance, blank_drift())
 
 
 def _regression(size: int) -> Regression:

@@ -21,7 +21,7 @@ from pathlib import Path
 from localreg.live.database_choice import choose_database
 from localreg.live.warm_up import warm_up
 from localreg.synthesis.methods import METHODS, build_synthesizer
-from localreg.synthesis.stand_in import stand_in
+from localreg.synthesis.stand_in import look_ahead_once, stand_in
 from numba.core.registry import CPUDispatcher
 
 def compiled():
@@ -32,6 +32,7 @@ def compiled():
     }
 
 warm_up(stand_in())
+look_ahead_once()
 alone = compiled()
 chosen = choose_database(Path(sys.argv[1]))
 quick = replace(METHODS["localreg"], rehearsals=20)
