@@ -10,12 +10,14 @@ from calibration.anthropometry import GROUP_COUNT
 from calibration.calibrate import calibrate
 from calibration.eigen_skeleton import lengths_of
 from calibration.knowledge import Knowledge
-from calibration.motion_fit import MotionSettings, SeenFrames, fit_motion
+from calibration.marginal import log_volume, newton_step
+from calibration.motion_fit import MotionFit, MotionSettings, SeenFrames, fit_motion
 from calibration.motion_mounts import apart
 from calibration.pose_prior import PosePriors, nearest
 from calibration.poses import EIGHT_POSES
 from calibration.refinement import Stretch, refine
 from calibration.result import nine_lengths
+from calibration.with_motion import with_motion
 from localreg.body.skeleton import DOF_COUNT
 from localreg.database.store import PoseDatabase
 from localreg.errors import LocalregError
@@ -225,3 +227,54 @@ def test_a_stretch_of_motion_refines(calibrated, database):
     vague = Knowledge.of_record(calibrated.subject, PRIOR)
     with pytest.raises(LocalregError, match="too little"):
         refine(calibrated.subject, vague, short, lambda _: estimator, database)
+
+
+def test_a_calibration_says_what_motion_added(calibrated, database, monkeypatch):
+    """Everything a report shows is of both; a mount that moved too far is named."""
+    known = calibrated.knowledge
+    half = Knowledge(known.trackers, 0.25 * known.covariance)
+    mounts = list(calibrated.subject.mounts)
+    x, y, z = mounts[2].position
+    mounts[2] = replace(mounts[2], position=(x + 0.2, y, z))
+    moved = replace(
+        calibrated.subject, mounts=tuple(mounts), lengths=1.01 * calibrated.subject.lengths
+    )
+    asked = []
+
+    def refine_(subject, knowledge, stretches, build, poses, **more):
+        asked.append([len(stretch.frames) for stretch in stretches])
+        return MotionFit(moved, half, np.zeros((1, DOF_COUNT)), 0.0)
+
+    monkeypatch.setattr("calibration.with_motion.refine", refine_)
+    mask = np.ones(6, bool)
+    still = np.tile([1.0, 0.0, 0.0, 0.0], (6, 1))
+    slow = tuple(TrackerFrame(i / 20.0, np.zeros((6, 3)), still, mask, mask) for i in range(41))
+    better = with_motion(calibrated, (slow, slow[:21]), database)
+    assert asked == [[80, 40]]  # brought to the database's rate
+    record = better.subject.calibration
+    assert record is not None
+    assert record.method == "eight poses and 3 s of motion"
+    assert any("lhand sat elsewhere" in note for note in record.notes)
+    assert sum("sat elsewhere" in note for note in record.notes) == 1
+    for before, after in zip(calibrated.lengths, better.lengths, strict=True):
+        assert after.value == pytest.approx(1.01 * before.value)
+        assert after.deviation == pytest.approx(0.5 * 1.01 * before.deviation, rel=1e-3)
+        assert after.told_by_trackers > before.told_by_trackers
+    for before, after in zip(calibrated.mounts, better.mounts, strict=True):
+        np.testing.assert_allclose(after.position_sd, 0.5 * np.array(before.position_sd), rtol=1e-3)
+        # A quarter of what beliefs told is what they still tell.
+        left = 0.25 * (1.0 - np.array(before.told_by_trackers))
+        np.testing.assert_allclose(1.0 - np.array(after.told_by_trackers), left, atol=2e-3)
+    assert better.knowledge is half
+
+
+def test_a_log_volume_moves_the_solution():
+    rng = np.random.default_rng(2)
+    root = rng.normal(size=(4, 4))
+    covariance = root @ root.T
+    slope = np.array([1.0, 0.0, -2.0, 0.5])
+    step = newton_step(covariance, lambda s: float(slope @ s))
+    np.testing.assert_allclose(step, -covariance @ slope, atol=1e-9)
+    some = newton_step(covariance, lambda s: float(slope @ s), [0, 2])
+    np.testing.assert_allclose(some, -covariance @ [1.0, 0.0, -2.0, 0.0], atol=1e-9)
+    assert log_volume(np.tile(4.0 * np.eye(3), (2, 1, 1))) == pytest.approx(6.0 * np.log(2.0))
