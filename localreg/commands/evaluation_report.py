@@ -44,6 +44,7 @@ thead th { border-bottom: 1px solid #2b2d31; font-weight: 600; }
 tbody + tbody tr:first-child td { border-top: 1px solid #e4e2de; }
 .remark { color: #6d7077; font-size: .85rem; }
 li { margin: .2rem 0; }
+summary { cursor: pointer; color: #0072b2; }
 """
 
 
@@ -107,9 +108,9 @@ def write_report(
             _Part("Best, median and worst clip", _films(evaluation, motions)),
             _Part("By bone", _bones(evaluation)),
             _Part("Robustness and database size", f"<p>{escape(remark)}</p>" + "".join(drawn)
-                  + _series_table(series, curves)),
+                  + _folded("The same in numbers", _series_table(series, curves))),
             _Part("Calibration, smoothness, time", _grid(tables.more_table(evaluation))),
-            _Part("Every clip", _grid(tables.clip_table(evaluation))),
+            _Part("Every clip", _folded("Show them", _grid(tables.clip_table(evaluation)))),
         ],
     )  # fmt: skip
     path = folder / NAME
@@ -187,7 +188,9 @@ def _over_time(evaluation: Evaluation) -> str:
 def _bones(evaluation: Evaluation) -> str:
     methods = evaluation.methods[:3]
     picture = figures.bone_bars(evaluation, methods, evaluation.clips[0].signals)
-    return _image(picture, "Turn errors by bone") + _grid(tables.joint_table(evaluation))
+    return _image(picture, "Turn errors by bone") + _folded(
+        "The same in numbers", _grid(tables.joint_table(evaluation))
+    )
 
 
 def _films(evaluation: Evaluation, motions: Sequence[Motion]) -> str:
@@ -238,7 +241,9 @@ def _ranked(evaluation: Evaluation) -> list[tuple[str, ClipResult]]:
 
 def _series_table(series: Sequence[Series], curves: Sequence[Sequence[figures.Curve]]) -> str:
     grid = Grid(
-        "The same in numbers", ["series", "at", "method", "joint angle\n[deg]", "MPJPE\n[cm]"], 3
+        "Means over the clips of the series",
+        ["series", "at", "method", "joint angle\n[deg]", "MPJPE\n[cm]"],
+        3,
     )
     for one, found in zip(series, curves, strict=True):
         for curve in found:
@@ -256,6 +261,11 @@ def _seconds(frames: int | None, rate: float) -> float:
 
 def _grid(grid: Grid) -> str:
     return grid.to_html()
+
+
+def _folded(words: str, body: str) -> str:
+    """What few want to see, behind a line to click."""
+    return f"<details><summary>{escape(words)}</summary>{body}</details>"
 
 
 def _image(png: bytes, words: str) -> str:

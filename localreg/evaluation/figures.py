@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy import ndarray
 
 from localreg.evaluation.metrics import SETTLING_FRAMES
@@ -56,9 +56,11 @@ def activity_bars(evaluation: Evaluation, figure: str, label: str) -> bytes:
             means = np.array([v.mean() if v.size else np.nan for v in values])
             spread = np.array([v.std() if v.size else 0.0 for v in values])
             below = np.minimum(spread, means)
-            axes.bar(
-                place, means, 0.92 * width, yerr=[below, spread], color=color(method),
-                label=method, ecolor=_SOFT, capsize=2, error_kw={"linewidth": 0.8},
+            axes.bar(place, means, 0.92 * width, color=color(method), label=method)
+            several = np.array([v.size > 1 for v in values])  # one clip has no deviation
+            axes.errorbar(
+                place[several], means[several], yerr=[below[several], spread[several]],
+                fmt="none", ecolor=_SOFT, capsize=2, linewidth=0.8,
             )  # fmt: skip
         names = [f"{_wrapped(name)}\n({_count(evaluation, signals, name)})" for name in groups]
         axes.set_xticks(np.arange(len(groups)), names)
@@ -134,9 +136,13 @@ def series_curves(series: Series, curves: Sequence[Curve]) -> bytes:
             place = [point.value for point in series.points]
             axes.plot(place, error, linestyle=style, marker="o", markersize=4.5,
                       color=color(curve.method, number), label=curve.method)  # fmt: skip
+        if series.is_logarithmic:
+            axes.set_xscale("log")
+            axes.xaxis.set_minor_locator(NullLocator())
+        ticks = [point.value for point in series.points]
+        axes.set_xticks(ticks, [point.label for point in series.points])
         if not series.is_measure:
-            labels = [point.label for point in series.points]
-            axes.set_xticks(np.arange(len(labels)), labels, rotation=55, ha="right")
+            axes.tick_params(axis="x", rotation=55)
         finite = np.concatenate(values)
         finite = finite[np.isfinite(finite) & (finite > 0.0)]
         if finite.size and finite.max() > 20.0 * finite.min():
@@ -200,7 +206,7 @@ def _legend(sheet: Figure) -> None:
 
 
 def _tidy(axes: Any) -> None:
-    axes.grid(axis="y", color=_GRID, linewidth=0.8)
+    axes.grid(axis="y", which="both", color=_GRID, linewidth=0.8)
     axes.set_axisbelow(True)
     axes.tick_params(which="both", colors=_SOFT, labelsize=8, length=0)
     axes.xaxis.label.set_size(9)

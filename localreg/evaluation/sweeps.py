@@ -57,12 +57,14 @@ class Series:
         axis: what is on the axis, with its unit.
         points: the evaluations.
         is_measure: whether the axis is one of numbers.
+        is_logarithmic: whether its numbers are best seen as ratios.
     """
 
     name: str
     axis: str
     points: tuple[Point, ...]
     is_measure: bool = True
+    is_logarithmic: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,12 +136,17 @@ def plan_series(
     ]  # fmt: skip
     if learned:
         sizes = [
-            Point(f"{share:.0%}", 100 * share, replace(base, methods=learned, database_share=share))
+            Point(
+                f"{round(share * len(database)):,}",
+                share * len(database),
+                replace(base, methods=learned, database_share=share),
+            )
             for share in _SHARES
         ]
         series.append(
-            Series("Database size", f"share of {len(database):,} poses [%]", tuple(sizes))
-        )
+            Series("Database size", "poses, their mirror images among them", tuple(sizes),
+                   is_logarithmic=True)
+        )  # fmt: skip
     return series
 
 

@@ -115,11 +115,15 @@ def test_disturbances_are_a_table_and_a_document(
     assert document["disturbance"] == "lost-tracker"
     assert [entry["clips"] for entry in document["growth"]] == [1] * 6
     assert all(entry["mpjpe_growth"] > 0.0 for entry in document["growth"])
+    assert "slowest" in result.stdout
+    assert document["growth"][0]["recovery"] == {
+        "of_means": 0, "half": 0, "most": 0, "slowest": 0,
+    }  # fmt: skip
     result = run(app, [*args, "--disturb", "outliers", "--json", "-", "--max-frames", "20"])
     assert result.exit_code == 0, result.output
     (entry,) = json.loads(result.stdout)["growth"]
     assert entry["disturbance"] == "5% outliers of 30 cm"
-    assert entry["frames_to_recover"] is None
+    assert entry["recovery"] is None
 
 
 def test_disturbing_options_reach_the_trackers(
