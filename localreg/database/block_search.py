@@ -81,6 +81,7 @@ class BlockSearch(NeighbourSearch):
         self._blocks = type(index.blocks)(*map(plain, index.blocks))
         self._sketches = type(index.sketches)(*map(plain, index.sketches))
         self._available = np.bincount(groups[allowed], minlength=int(groups.max()) + 1)
+        self._all_available = int(self._available.sum())
         self._scale = window_scale(metric, angles.shape[1])
         self._weight = np.square(self._scale).astype(np.float32)
         clusters = len(index.blocks.cluster_center)
@@ -128,8 +129,7 @@ class BlockSearch(NeighbourSearch):
 
     def available(self, without: int = -1) -> int:
         """How many poses may be found when one recording is left out."""
-        found = int(self._available.sum())
-        return found - int(self._available[without]) if without >= 0 else found
+        return self._all_available - (int(self._available[without]) if without >= 0 else 0)
 
     def squared_distances(self, queries: Sequence[Query]) -> Float32[ndarray, "Q N"]:
         """Distances of all poses to each of some queries; infinite where not allowed."""

@@ -80,7 +80,7 @@ class CompiledSolver(Solver):
         tolerance: decrease of the energy that is not worth another step.
     """
 
-    tolerance: float = 3e-3
+    tolerance: float = 1e-2
 
     def solve(self, problem: Problem, start: Float[ndarray, "63"], max_steps: int) -> Solution:
         """The best pose found from a start."""
