@@ -69,10 +69,10 @@ ABLATIONS: Final = (
     Ablation("pose regression as if new in every frame", f"{OURS}:pose_information=1"),
     Ablation("30 rehearsals, not 300", f"{OURS}:rehearsals=30"),
     Ablation("hardly any ridge", f"{OURS}:pose_ridge=0.1:step_ridge=1"),
-    Ablation("24 neighbors, not 96", f"{OURS}:neighbours=24"),
+    Ablation("24 neighbors, not 80", f"{OURS}:neighbours=24"),
     Ablation("300 neighbors", f"{OURS}:neighbours=300"),
-    Ablation("12 principal directions, not 36", f"{OURS}:components=12"),
-    Ablation("72 principal directions", f"{OURS}:components=72"),
+    Ablation("12 principal directions, not 32", f"{OURS}:components=12"),
+    Ablation("64 principal directions", f"{OURS}:components=64"),
     Ablation("no joint limits", f"{OURS}:limit_softness=1e3"),
     Ablation("plain squares, not the Lorentzian", f"{OURS}-squares"),
 )

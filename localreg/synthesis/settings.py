@@ -58,7 +58,7 @@ class Settings:
     """
 
     prior: str = "localreg"
-    neighbours: int = 96
+    neighbours: int = 80
     history: int = 3
     sigma_position: float = 0.005
     sigma_orientation: float = radians(0.65)
@@ -67,7 +67,7 @@ class Settings:
     max_steps_acquire: int = 40
     rank: int = 10
     floor: float = radians(1.0)
-    components: int = 36
+    components: int = 32
     history_noise: float = radians(2.0)
     feature_position_noise: float = 0.006
     feature_rotation_noise: float = 0.012
