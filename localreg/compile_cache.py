@@ -1,7 +1,7 @@
 """Keeps compiled code between runs, so that only the first start has to compile.
 
-Numba's code of live frames takes 55 s of one processor to compile and 0.3 s to load again (9 MB),
-JAX's of the other methods 34 s and 5 s.
+Numba's code of live frames takes a minute of one processor to compile and 0.3 s to load again (9
+MB), JAX's of the other methods 34 s and 5 s.
 Imports nothing heavy: the command line calls it before it knows what is wanted.
 """
 
