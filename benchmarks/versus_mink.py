@@ -155,10 +155,10 @@ def activity_lines(evaluation: Evaluation, signals: str) -> list[str]:
         lines.append(
             f"{ours}, {signals}: less of both errors than {rival} on "
             f"{len(mine) - len(lost)} of {len(mine)} activities"
-            + (f" (not on {', '.join(lost)})" if lost else "")
+            + (f" (not on {'; '.join(lost)})" if lost else "")
             + f" and {sum(map(len, mine.values())) - len(worse)} of "
             f"{sum(map(len, mine.values()))} clips"
-            + (f" (not on {', '.join(worse)})" if worse else "")
+            + (f" (not on {'; '.join(worse)})" if worse else "")
         )
     return lines
 
