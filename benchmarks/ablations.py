@@ -57,7 +57,6 @@ ABLATIONS: Final = (
     Ablation("database without mirror images", OURS, is_mirrored=False),
     # Weights a ten thousandth of the usual: without a past the trackers still find neighbors.
     Ablation("trackers not in the search", f"{OURS}:{_BLIND}"),
-    Ablation("trackers not in the regression", f"{OURS}:{_DEAF}"),
     Ablation("trackers in neither", f"{OURS}:{_BLIND}:{_DEAF}"),
     Ablation("the past not in the search", f"{OURS}:metric_history=0/0/0"),
     Ablation("one past pose, not three", f"{OURS}:history=1:metric_history=0.6"),
