@@ -101,22 +101,10 @@ def chain_of_model(model: mujoco.MjModel, sites: list[str]) -> Chain:
     )
 
 
-def blank_placed(chain: Chain) -> Placed:
-    """Room for `place` to write to."""
-    bodies, sites = len(chain.parent), len(chain.site_body)
-    return Placed(
-        np.zeros((bodies, 3)),
-        np.zeros((bodies, 4)),
-        np.zeros((DOF_COUNT, 3)),
-        np.zeros((sites, 3)),
-        np.zeros((sites, 4)),
-    )
-
-
 @njit(cache=True)
 @no_type_check
-def room_to_place(chain):
-    """`blank_placed` as machine code."""
+def blank_placed(chain):
+    """Room for `place` to write to."""
     bodies, sites = len(chain.parent), len(chain.site_body)
     return Placed(
         np.zeros((bodies, 3)),

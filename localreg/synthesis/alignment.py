@@ -7,7 +7,7 @@ from jaxtyping import Float
 from numba import njit
 from numpy import ndarray
 
-from localreg.body.chain import Chain, place, room_to_place, rotate
+from localreg.body.chain import Chain, blank_placed, place, rotate
 from localreg.database.features import rotation_matrix
 from localreg.synthesis.observation import Observation
 
@@ -37,7 +37,7 @@ def align_root(
 @no_type_check
 def _align(chain, fallback, observation, qpos):
     """Write the root of a pose that stands upright at the origin."""
-    placed = room_to_place(chain)
+    placed = blank_placed(chain)
     place(chain, qpos, placed)
     seen, facing = observation.position_mask, observation.orientation_mask
     one, other, profile = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))

@@ -5,7 +5,7 @@ from typing import no_type_check
 import numpy as np
 from numba import njit
 
-from localreg.body.chain import Chain, place, room_to_place
+from localreg.body.chain import Chain, blank_placed, place
 from localreg.body.skeleton import QPOS_SIZE
 from localreg.database.features import FeatureLayout, write_features, write_trust
 from localreg.database.neighbours import Query
@@ -45,7 +45,7 @@ def _ask(
     """Write features, trust in them and who is far away; returns how long nobody has guided."""
     ahead = np.empty(QPOS_SIZE)
     coast(qpos, velocity, history, history_valid, ahead)
-    placed = room_to_place(chain)
+    placed = blank_placed(chain)
     place(chain, ahead, placed)
     heard, unguided = listen(
         observation, placed.site_position, placed.site_orientation, attention, reference, away

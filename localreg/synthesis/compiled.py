@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit
 
 from localreg.body.chain import (
+    blank_placed,
     conjugate,
     difference,
     integrate,
@@ -21,7 +22,6 @@ from localreg.body.chain import (
     logarithm,
     multiply,
     place,
-    room_to_place,
     tracker_jacobian,
 )
 from localreg.synthesis.linear_algebra import factorize, substitute
@@ -211,7 +211,7 @@ def minimize(
     Returns:
         The energy, and the attempted steps.
     """
-    placed, trial = room_to_place(chain), np.empty_like(qpos)
+    placed, trial = blank_placed(chain), np.empty_like(qpos)
     deviation, pull = np.empty(_TANGENT), np.empty(_TANGENT)
     g, step, L = np.empty(_TANGENT), np.empty(_TANGENT), np.zeros((_TANGENT, _TANGENT))
     jacobian = np.empty((len(chain.site_body), 6, _TANGENT))
