@@ -21,7 +21,7 @@ class Result(IntEnum):
     FAILED = 1
     """The energy was not finite or did not fall; the pose is the prediction."""
     REACQUIRED = 2
-    """The trackers had left the pose behind, and it was found anew from many starts."""
+    """The pose was found anew: the trackers had left it behind, or explain another better."""
 
 
 class Pose(NamedTuple):

@@ -123,6 +123,7 @@ class LocalRegression(Prior):
             drift=ahead,
             caution=known.caution,
             confidence=min(1.0, known.usual / max(distance, 1e-9)),
+            surprise=distance / known.usual,
             near=near,
         )
 

@@ -42,6 +42,8 @@ class Settings:
         step_floor_position: least standard deviation of the root's step [m].
         step_floor_angle: least standard deviation of any angle's step [rad].
         rehearsals: database poses that trust in the regressions is learned from.
+        bearable_surprise: squared distance of the neighbours, in units of the usual and as a
+            running mean, beyond which another pose is sought beside the present one.
         metric_history: weight of each lag's joint angles in the search [1/rad].
         search_by_trackers: whether neighbours must agree with the present trackers, too;
             where there is no past they always must.
@@ -67,7 +69,7 @@ class Settings:
     max_steps_acquire: int = 40
     rank: int = 10
     floor: float = radians(1.0)
-    components: int = 32
+    components: int = 24
     history_noise: float = radians(2.0)
     feature_position_noise: float = 0.006
     feature_rotation_noise: float = 0.012
@@ -78,7 +80,8 @@ class Settings:
     drift_memory: float = 0.75
     step_floor_position: float = 0.001
     step_floor_angle: float = radians(0.05)
-    rehearsals: int = 300
+    rehearsals: int = 1200
+    bearable_surprise: float = 0.7
     metric_history: tuple[float, ...] = (0.6, 0.3, 0.15)
     search_by_trackers: bool = True
     metric_position: float = 2.0

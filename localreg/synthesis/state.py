@@ -12,6 +12,7 @@ from localreg.body.skeleton import DOF_COUNT, QPOS_SIZE, TANGENT_SIZE
 from localreg.database.neighbours import Neighbours
 from localreg.synthesis.attention import LONG, Attention
 from localreg.synthesis.observation import Signals
+from localreg.synthesis.rival import Doubt
 
 
 class State(NamedTuple):
@@ -28,6 +29,7 @@ class State(NamedTuple):
         near: the neighbours in the database.
         lost: frames in a row that the trackers were left far from.
         signals: what the trackers measured when something was first measured.
+        doubt: whether another pose would explain the trackers better.
     """
 
     qpos: Float[ndarray, "63"]
@@ -40,6 +42,7 @@ class State(NamedTuple):
     near: Neighbours | None = None
     lost: int = 0
     signals: Signals | None = None
+    doubt: Doubt = Doubt()
 
 
 def blank_state(history: int, trackers: int) -> State:

@@ -27,6 +27,7 @@ from localreg.synthesis.estimator import Estimator, Pose, Result
 from localreg.synthesis.linear_algebra import positive_inverse
 from localreg.synthesis.observation import Observation
 from localreg.synthesis.prior import Expectation, Prior
+from localreg.synthesis.rival import Doubt, are_apart
 from localreg.synthesis.settings import Settings
 from localreg.synthesis.solver import SOLVERS, Problem, Solution, Solver
 from localreg.synthesis.state import (
@@ -70,6 +71,24 @@ class Residuals(NamedTuple):
         return self.median_square > _FAR
 
 
+class Advance(NamedTuple):
+    """One frame from one state.
+
+    Attributes:
+        state: after it.
+        solution: the solved pose.
+        residuals: of it.
+        expectation: what was believed before.
+        result: how it went.
+    """
+
+    state: State
+    solution: Solution
+    residuals: Residuals
+    expectation: Expectation
+    result: Result
+
+
 @dataclass(frozen=True, eq=False)
 class Synthesizer(Estimator[State]):
     """An estimator made of a body and a prior.
@@ -108,6 +127,11 @@ class Synthesizer(Estimator[State]):
         observation = observe(frame)
         if state.signals is None:
             state = state._replace(signals=observation.signals)
+        advance = self._reconsider(state.doubt, self._advance(state, observation), observation)
+        return advance.state, self._pose(frame.time, advance)
+
+    def _advance(self, state: State, observation: Observation) -> Advance:
+        """One frame from one state."""
         query, attention = self._query(state, observation)
         expectation = self.prior.expect(query, state)
         solution = self._solve(observation, expectation.belief)
@@ -126,12 +150,32 @@ class Synthesizer(Estimator[State]):
         result = Result.SOLVED if solved else Result.FAILED
         if after.lost >= LOST_AFTER:
             after = after._replace(lost=0)
-            blank = self._blank()._replace(qpos=after.qpos)
-            found, sought = self._acquire(blank, observation)
+            found, sought = self._acquire(self._blank_from(after), observation)
             beside = self._residuals(observation, sought)
             if sought.ok and not beside.are_far:
                 after, solution, residuals, result = found, sought, beside, Result.REACQUIRED
-        return after, self._pose(frame.time, after, solution, residuals, expectation, result)
+        return Advance(after, solution, residuals, expectation, result)
+
+    def _reconsider(self, doubt: Doubt, present: Advance, observation: Observation) -> Advance:
+        """The frame, or a rival's if that has turned out to be known better."""
+        if present.result == Result.REACQUIRED:
+            return present
+        surprise, bearable = present.expectation.surprise, self.settings.bearable_surprise
+        doubt = doubt.after(surprise)
+        if doubt.rival is not None:
+            other = self._advance(doubt.rival, observation)
+            doubt = doubt.beside(surprise, other.state, other.expectation.surprise)
+            if doubt.is_decided:
+                apart = are_apart(present.solution.qpos, other.solution.qpos)
+                if apart and doubt.prefers_the_rival:
+                    present = other._replace(result=Result.REACQUIRED)
+                    doubt = doubt.settled_on_the_rival
+                else:
+                    doubt = doubt.settled
+        elif _is_well_seen(observation) and doubt.calls_for_a_rival(bearable):
+            found, _ = self._acquire(self._blank_from(present.state), observation)
+            doubt = doubt._replace(rival=found)
+        return present._replace(state=present.state._replace(doubt=doubt))
 
     @cached_property
     def _layout(self) -> FeatureLayout:
@@ -147,6 +191,10 @@ class Synthesizer(Estimator[State]):
 
     def _blank(self) -> State:
         return blank_state(self.settings.history, len(self.subject.trackers))
+
+    def _blank_from(self, state: State) -> State:
+        """Nothing known but where the body was and what its trackers measure."""
+        return self._blank()._replace(qpos=state.qpos, signals=state.signals)
 
     def _query(self, state: State, observation: Observation) -> tuple[Query, Attention]:
         """What is known before the pose is solved, and whom it was heard from."""
@@ -204,7 +252,8 @@ class Synthesizer(Estimator[State]):
             solutions.append(self._solver.solve(problem, start, self.settings.max_steps_acquire))
         best = min(solutions, key=lambda found: found.energy if found.ok else np.inf)
         found = state_at(best.qpos, self.settings.history, len(self.subject.trackers))
-        return found._replace(covariance=_inverse(best.hessian)), best
+        known = found._replace(covariance=_inverse(best.hessian), signals=state.signals)
+        return known, best
 
     def _residuals(self, observation: Observation, solution: Solution) -> Residuals:
         distances, angles = np.empty((2, len(observation.position_mask)))
@@ -214,15 +263,8 @@ class Synthesizer(Estimator[State]):
         )  # fmt: skip
         return Residuals(distances, angles, median, measured)
 
-    def _pose(
-        self,
-        time: float,
-        state: State,
-        solution: Solution,
-        residuals: Residuals,
-        expectation: Expectation,
-        result: Result,
-    ) -> Pose:
+    def _pose(self, time: float, advance: Advance) -> Pose:
+        state, solution, residuals, expectation, result = advance
         return Pose(
             time=time,
             qpos=solution.qpos,
@@ -233,6 +275,12 @@ class Synthesizer(Estimator[State]):
             steps=solution.steps,
             result=result,
         )
+
+
+def _is_well_seen(observation: Observation) -> bool:
+    """Whether at least half of the trackers say something."""
+    said = observation.position_mask | observation.orientation_mask
+    return 2 * int(said.sum()) >= len(said)
 
 
 @njit(cache=True)

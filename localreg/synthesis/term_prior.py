@@ -19,6 +19,7 @@ from localreg.jax_numerics import host_arrays
 from localreg.synthesis.energy import Gaussian, Term
 from localreg.synthesis.examples import Examples, ExampleSource
 from localreg.synthesis.prior import Acquisition, Expectation, Prior
+from localreg.synthesis.rival import Doubt
 from localreg.synthesis.state import State
 from localreg.synthesis.term_belief import belief_of_terms
 
@@ -88,7 +89,7 @@ class FromTerms(Prior):
     def expect(self, query: Query, state: State) -> Expectation:
         """The terms' sum as one belief."""
         examples = self._examples(query)
-        plain = state._replace(lost=0, drift=None, near=None, signals=None)
+        plain = state._replace(lost=0, drift=None, near=None, signals=None, doubt=Doubt())
         prediction = _predict(self.prior, examples, Question.of(query), plain)
         belief = belief_of_terms(np.asarray(prediction.qpos), prediction.terms)
         return Expectation(belief, confidence=float("nan") if self.source is None else 1.0)

@@ -5,6 +5,7 @@ angles that hold still throughout a clip are left out: the set has them clamped,
 they say nothing of what is predicted for the others.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -66,7 +67,8 @@ def standardize(localreg: Synthesizer, motion: Motion) -> Standardized:
     prior = localreg.prior
     assert isinstance(prior, LocalRegression)
     asked: list[Asked] = []
-    estimator = watched(localreg, lambda *answer: asked.append(Asked(*answer)))
+    alone = replace(localreg, settings=replace(localreg.settings, bearable_surprise=np.inf))
+    estimator = watched(alone, lambda *answer: asked.append(Asked(*answer)))
     poses = follow(estimator, list(simulate_trackers(motion))[:80])
     bent = moving(motion)
     stepped = np.concatenate([np.ones(6, dtype=bool), bent])
