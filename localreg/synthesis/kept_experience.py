@@ -14,7 +14,7 @@ from numpy import ndarray
 
 from localreg.body.chain import Chain
 from localreg.database.cache import cached_arrays, digest, touch
-from localreg.synthesis import experience, halves, local_fit, windows
+from localreg.synthesis import experience, halves, local_fit, rehearsal, windows
 from localreg.synthesis.examples import ExampleSource
 from localreg.synthesis.experience import Experience, learn, learn_half
 from localreg.synthesis.halves import Measured
@@ -83,7 +83,7 @@ def _is_whole(source: ExampleSource) -> bool:
 
 def _name(source: ExampleSource, settings: Settings, chain: Chain, *facts: ndarray) -> str:
     # Whatever changes the answer is part of the name: the code that gives it, too.
-    parts = (experience, halves, windows, local_fit)
+    parts = (experience, rehearsal, halves, windows, local_fit)
     code = [Path(str(part.__file__)).read_bytes() for part in parts]
     return digest(
         source.view.name, repr(settings), *facts, *map(np.asarray, chain),

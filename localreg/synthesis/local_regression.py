@@ -30,7 +30,7 @@ from localreg.database.features import FeatureLayout
 from localreg.database.neighbours import Neighbours, Query
 from localreg.synthesis.belief import Belief, Limits
 from localreg.synthesis.examples import ExampleSource
-from localreg.synthesis.experience import NEAR, Experience
+from localreg.synthesis.experience import Experience
 from localreg.synthesis.halves import Measured
 from localreg.synthesis.kept_experience import experience_over, half_over
 from localreg.synthesis.local_fit import kernel_weights
@@ -48,6 +48,7 @@ from localreg.synthesis.look_ahead import (
 )
 from localreg.synthesis.observation import Signals
 from localreg.synthesis.prior import Acquisition, Expectation, Prior, spread_starts
+from localreg.synthesis.rehearsal import NEAR
 from localreg.synthesis.settings import Settings
 from localreg.synthesis.state import State
 from localreg.synthesis.windows import Reduced, ranges
@@ -119,7 +120,6 @@ class LocalRegression(Prior):
         )  # fmt: skip
         return Expectation(
             belief=Belief(ahead.qpos, ahead.mean, ahead.information, self.limits),
-            covariance=ahead.covariance,
             drift=ahead,
             caution=known.caution,
             confidence=min(1.0, known.usual / max(distance, 1e-9)),

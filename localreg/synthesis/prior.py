@@ -24,8 +24,6 @@ class Expectation(NamedTuple):
 
     Attributes:
         belief: the Gaussian that enters the energy.
-        covariance: of the deviation from the expected pose by the past alone; None for
-            priors that carry nothing on.
         drift: how the past's prediction is expected to be wrong; the prior's own business.
         caution: how large errors are in units of what the belief predicts.
         confidence: 0 to 1, how well the database knows what is being seen; NaN without one.
@@ -35,7 +33,6 @@ class Expectation(NamedTuple):
     """
 
     belief: Belief
-    covariance: Float[ndarray, "62 62"] | None = None
     drift: Any = None
     caution: float = 1.0
     confidence: float = float("nan")

@@ -93,13 +93,12 @@ def standardize(localreg: Synthesizer, motion: Motion) -> Standardized:
             )
         )  # fmt: skip
         to_the_world(np.asarray(state.qpos)[3:7], step.mean, step.covariance)
-        assert expected.covariance is not None
         parts = (
             ((now[7:] - pose.mean), np.diagonal(pose.covariance), bent),
             (deviation_between(before, now) - step.mean, np.diagonal(step.covariance), stepped),
             (
                 deviation_between(expected.belief.qpos, now),
-                np.diagonal(expected.covariance),
+                np.diagonal(expected.drift.covariance),
                 stepped,
             ),
             (poses[index].qpos[7:] - now[7:], poses[index].predicted_sigma ** 2, bent),

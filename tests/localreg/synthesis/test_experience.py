@@ -11,11 +11,12 @@ from numpy import ndarray
 from localreg.body.chain import Chain
 from localreg.database import PoseDatabase
 from localreg.motion.motion import Motion
-from localreg.synthesis import experience
+from localreg.synthesis import experience, rehearsal
 from localreg.synthesis.examples import ExampleSource
-from localreg.synthesis.experience import Experience, Outcome, Rehearsal, learn
+from localreg.synthesis.experience import Experience, learn
 from localreg.synthesis.local_regression import LocalRegression
 from localreg.synthesis.methods import build_synthesizer
+from localreg.synthesis.rehearsal import Outcome, Rehearsal
 from localreg.synthesis.settings import Settings
 from tests.localreg.synthesis.sessions import RATE
 
@@ -82,7 +83,7 @@ def test_rehearsals_never_see_their_own_clip_or_its_copies(lesson, with_copies, 
     groups = group_of_clip[with_copies.clip_index]
     given = lesson(with_copies)
     rehearsed: list[int] = []
-    predict = experience._predict
+    predict = rehearsal._predict
 
     def watching(source, settings, row, query, near, *rest):
         rehearsed.append(row)
@@ -97,7 +98,7 @@ def test_rehearsals_never_see_their_own_clip_or_its_copies(lesson, with_copies, 
         )
         return predict(source, settings, row, query, near, *rest)
 
-    monkeypatch.setattr(experience, "_predict", watching)
+    monkeypatch.setattr(rehearsal, "_predict", watching)
     given.learned()
     assert len(rehearsed) >= SETTINGS.rehearsals
     # Every clip has its turn.
@@ -134,13 +135,13 @@ def test_the_believed_shares_have_the_least_error_and_growth_is_that_error(
 ):
     given = lesson(with_copies)
     rehearsals: list[Rehearsal] = []
-    rehearse = experience._rehearse
+    rehearse = experience.rehearse
 
     def watching(*args):
         rehearsals.append(rehearse(*args))
         return rehearsals[-1]
 
-    monkeypatch.setattr(experience, "_rehearse", watching)
+    monkeypatch.setattr(experience, "rehearse", watching)
     found = given.learned()
     last = rehearsals[-1]
     weights = 1.0 / np.maximum(last.squared_distance, 0.05)

@@ -126,7 +126,7 @@ def test_the_belief_is_a_sound_gaussian(localreg, prior, trackers):
         belief = prior.expect(query, state).belief
         np.testing.assert_allclose(belief.information, belief.information.T)
         assert np.linalg.eigvalsh(belief.information)[0] > 0.0
-        carried = prior.expect(query, state).covariance
+        carried = prior.expect(query, state).drift.covariance
         ahead = np.diagonal(np.linalg.inv(belief.information))
         assert np.all(ahead <= np.diagonal(carried) * (1.0 + 1e-9))
         state = localreg.step(state, trackers.frame(index))[0]
@@ -152,7 +152,7 @@ def test_the_prior_trusts_itself_less_on_motion_unlike_the_database(localreg, pr
     for motion in (walk, made):
         state = knowing(motion, 20)
         query = localreg._query(state, observe(simulate_trackers(motion).frame(20)))[0]
-        spreads.append(np.diagonal(prior.expect(query, state).covariance))
+        spreads.append(np.diagonal(prior.expect(query, state).drift.covariance))
     assert np.sqrt(spreads[1]).mean() > 2.0 * np.sqrt(spreads[0]).mean()
 
 
