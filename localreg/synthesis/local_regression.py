@@ -46,7 +46,7 @@ from localreg.synthesis.look_ahead import (
     look_ahead,
     regress,
 )
-from localreg.synthesis.observation import Signals
+from localreg.synthesis.observation import Observation, Signals
 from localreg.synthesis.prior import Acquisition, Expectation, Prior, spread_starts
 from localreg.synthesis.rehearsal import NEAR
 from localreg.synthesis.settings import Settings
@@ -139,6 +139,12 @@ class LocalRegression(Prior):
         moved, drift = np.empty(TANGENT_SIZE), blank_drift()
         difference(expectation.belief.qpos, qpos, moved)
         return drift if correct(expectation.drift, moved, covariance, drift) else None
+
+    def most_alike(
+        self, layout: FeatureLayout, observation: Observation
+    ) -> Float[ndarray, "56"] | None:
+        """The nearest database pose by positions alone."""
+        return self.source.most_alike(layout, observation.positions, observation.position_mask)
 
     def acquire(self, query: Query) -> Acquisition:
         """The pose regression's answer without a past, and some of the examples themselves."""

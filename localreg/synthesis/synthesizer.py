@@ -228,13 +228,25 @@ class Synthesizer(Estimator[State]):
         Where the reference tracker's orientation is not measured, features cannot be told
         before a pose has been found without them.
         """
-        query, _ = self._query(state, observation)
         if not observation.orientation_mask[self._layout.reference]:
-            blind = query._replace(feature_trust=np.zeros_like(query.feature_trust))
-            found, _ = self._best_of_starts(blind, state, observation)
+            found, _ = self._best_of_starts(
+                self._unguided_query(state, observation), state, observation
+            )
             query, _ = self._query(found, observation)
             query = query._replace(history_valid=np.zeros_like(query.history_valid))
+        else:
+            query, _ = self._query(state, observation)
         return self._best_of_starts(query, state, observation)
+
+    def _unguided_query(self, state: State, observation: Observation) -> Query:
+        """What is asked before it is known which way the reference tracker is turned."""
+        angles = self.prior.most_alike(self._layout, observation)
+        if angles is None:
+            query, _ = self._query(state, observation)
+            return query._replace(feature_trust=np.zeros_like(query.feature_trust))
+        placed = align_root(self.chain, np.asarray(state.qpos), angles, observation)
+        query, _ = self._query(state._replace(qpos=placed), observation)
+        return query
 
     def _best_of_starts(
         self, query: Query, state: State, observation: Observation

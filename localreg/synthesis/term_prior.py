@@ -13,11 +13,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
+from numpy import ndarray
 
+from localreg.database.features import FeatureLayout
 from localreg.database.neighbours import Query
 from localreg.jax_numerics import host_arrays
 from localreg.synthesis.energy import Gaussian, Term
 from localreg.synthesis.examples import Examples, ExampleSource
+from localreg.synthesis.observation import Observation
 from localreg.synthesis.prior import Acquisition, Expectation, Prior
 from localreg.synthesis.rival import Doubt
 from localreg.synthesis.state import State
@@ -93,6 +96,14 @@ class FromTerms(Prior):
         prediction = _predict(self.prior, examples, Question.of(query), plain)
         belief = belief_of_terms(np.asarray(prediction.qpos), prediction.terms)
         return Expectation(belief, confidence=float("nan") if self.source is None else 1.0)
+
+    def most_alike(
+        self, layout: FeatureLayout, observation: Observation
+    ) -> Float[ndarray, "56"] | None:
+        """The nearest database pose by positions alone."""
+        if self.source is None:
+            return None
+        return self.source.most_alike(layout, observation.positions, observation.position_mask)
 
     def acquire(self, query: Query) -> Acquisition:
         """The candidates, on the host."""
