@@ -54,6 +54,7 @@ from localreg.synthesis.state import State
 from localreg.synthesis.windows import Reduced, ranges
 
 _FARTHEST = 100.0  # squared distance beyond which nothing more is doubted
+_NEAR_ENOUGH = 10.0  # nobody is surprised by less, however near neighbours usually are
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +124,7 @@ class LocalRegression(Prior):
             drift=ahead,
             caution=known.caution,
             confidence=min(1.0, known.usual / max(distance, 1e-9)),
-            surprise=distance / known.usual,
+            surprise=distance / max(known.usual, _NEAR_ENOUGH),
             near=near,
         )
 

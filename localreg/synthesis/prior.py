@@ -29,8 +29,8 @@ class Expectation(NamedTuple):
         drift: how the past's prediction is expected to be wrong; the prior's own business.
         caution: how large errors are in units of what the belief predicts.
         confidence: 0 to 1, how well the database knows what is being seen; NaN without one.
-        surprise: squared distance of the neighbours, in units of the usual; NaN if that is
-            not known.
+        surprise: squared distance of the neighbours, in units of the usual; NaN where that
+            is not known.
         near: the neighbours that it comes from.
     """
 

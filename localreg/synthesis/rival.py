@@ -21,7 +21,10 @@ _AT_FIRST: Final = 0.5
 """Surprise that a pose found from one frame alone begins with."""
 
 _REST: Final = 10
-"""Frames between one rival and the next."""
+"""Frames between one rival and the next; twice as many after each that was given up ..."""
+
+_LONGEST_REST: Final = 80
+"""... up to so many."""
 
 _FOLLOWED: Final = 6
 """Frames that a rival is followed; the later half are compared."""
@@ -39,6 +42,7 @@ class Doubt(NamedTuple):
     Attributes:
         surprise: running mean of the neighbours' squared distance, in units of the usual.
         rest: frames until a rival may be sought.
+        pause: frames of rest once the next rival is given up.
         rival: the rival's state (`localreg.synthesis.state.State`) after the last frame; None
             if there is none.
         followed: for how many frames there has been one.
@@ -48,6 +52,7 @@ class Doubt(NamedTuple):
 
     surprise: float = _AT_FIRST
     rest: int = _REST
+    pause: int = _REST
     rival: Any = None
     followed: int = 0
     far: float = 0.0
@@ -88,7 +93,8 @@ class Doubt(NamedTuple):
     @property
     def settled(self) -> "Doubt":
         """The doubt once the rival has been given up."""
-        return Doubt(surprise=self.surprise)
+        longer = min(2 * self.pause, _LONGEST_REST)
+        return Doubt(surprise=self.surprise, rest=self.pause, pause=longer)
 
 
 def are_apart(one: Float[ndarray, "63"], other: Float[ndarray, "63"]) -> bool:

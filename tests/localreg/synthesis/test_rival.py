@@ -110,6 +110,15 @@ def test_a_rival_wins_by_clearly_less_surprise_in_the_end(rivals, wins):
     assert doubt.settled.rival is None
 
 
+def test_rests_grow_while_rivals_are_given_up():
+    doubt, rests = Doubt(), []
+    for _ in range(5):
+        doubt = doubt.settled
+        rests.append(doubt.rest)
+    assert rests == [10, 20, 40, 80, 80]
+    assert doubt.settled_on_the_rival.pause == 10
+
+
 def test_the_same_pose_is_no_rival(walk):
     assert not are_apart(walk.qpos[0], walk.qpos[0])
     assert are_apart(walk.qpos[0], written_otherwise(walk.qpos[0]))
