@@ -77,6 +77,13 @@ def findings_lines(findings: Sequence[Finding]) -> list[str]:
     return [f"{finding.kind.value}: {finding.text}" for finding in findings]
 
 
+def motion_lines(result: Calibration, findings: Sequence[Finding]) -> list[str]:
+    """What was noted of the person beyond what was amiss in the poses: what motion showed."""
+    record = result.subject.calibration
+    said = {finding.text for finding in findings}
+    return [note for note in (record.notes if record else ()) if note not in said]
+
+
 def poses_table(poses: Sequence[TargetPose]) -> Table:
     """The poses in words."""
     table = Table(title="the eight poses", title_justify="left", show_lines=True)

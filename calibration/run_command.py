@@ -17,7 +17,13 @@ from calibration.motion_step import MotionStep
 from calibration.people_commands import people
 from calibration.poses import EIGHT_POSES, TargetPose, mirrored, with_swapped
 from calibration.progress import forget, read_motion, read_progress, write_progress
-from calibration.report import findings_lines, lengths_table, mounts_table, summary_lines
+from calibration.report import (
+    findings_lines,
+    lengths_table,
+    motion_lines,
+    mounts_table,
+    summary_lines,
+)
 from calibration.setup import Source, configured, simulated
 from calibration.simulated import Habits
 from calibration.terminal import TerminalView
@@ -201,6 +207,8 @@ def _report(outcome: Outcome, truth: dict[str, float] | None, options: RunOption
         raise LocalregError(
             "there is no result; mend what is said above and begin again, with --fresh"
         )
+    for line in motion_lines(result, outcome.findings):
+        console.print(line, soft_wrap=True)
     write_subject(result.subject, options.out)
     write_knowledge(result.knowledge, result.subject, known_file(options.out))
     shown = output()

@@ -63,7 +63,7 @@ class Doubt(NamedTuple):
         mean = (1.0 - _SHARE) * self.surprise + _SHARE * surprise
         return self._replace(surprise=mean, rest=max(0, self.rest - 1))
 
-    def calls_for_a_rival(self, bearable: float) -> bool:
+    def wants_a_rival(self, bearable: float) -> bool:
         """Whether it is time to look for another pose; never where surprise is not known."""
         return self.rival is None and self.rest == 0 and self.surprise > bearable
 

@@ -172,7 +172,7 @@ class Synthesizer(Estimator[State]):
                     doubt = doubt.settled_on_the_rival
                 else:
                     doubt = doubt.settled
-        elif _is_well_seen(observation) and doubt.calls_for_a_rival(bearable):
+        elif doubt.wants_a_rival(bearable) and _is_well_seen(observation):
             found, _ = self._acquire(self._blank_from(present.state), observation)
             doubt = doubt._replace(rival=found)
         return present._replace(state=present.state._replace(doubt=doubt))

@@ -16,7 +16,9 @@ from calibration.motion_mounts import apart
 from calibration.pose_prior import PosePriors, nearest
 from calibration.poses import EIGHT_POSES
 from calibration.refinement import Stretch, refine
+from calibration.report import motion_lines
 from calibration.result import nine_lengths
+from calibration.screening import Finding, Kind
 from calibration.with_motion import with_motion
 from localreg.body.skeleton import DOF_COUNT
 from localreg.database.store import PoseDatabase
@@ -256,6 +258,10 @@ def test_a_calibration_says_what_motion_added(calibrated, database, monkeypatch)
     assert record.method == "eight poses and 3 s of motion"
     assert any("lhand sat elsewhere" in note for note in record.notes)
     assert sum("sat elsewhere" in note for note in record.notes) == 1
+    (shown,) = motion_lines(better, [])
+    assert shown.startswith("tracker lhand sat elsewhere")
+    assert motion_lines(better, [Finding(Kind.SLIPPED, shown)]) == []
+    assert motion_lines(calibrated, []) == []
     for before, after in zip(calibrated.lengths, better.lengths, strict=True):
         assert after.value == pytest.approx(1.01 * before.value)
         assert after.deviation == pytest.approx(0.5 * 1.01 * before.deviation, rel=1e-3)

@@ -81,20 +81,20 @@ def test_a_pose_that_is_known_well_has_no_rival(localreg, trackers):
 
 def test_doubt_grows_and_falls_with_surprise():
     doubt = Doubt(surprise=0.1, rest=2)
-    assert not doubt.calls_for_a_rival(BEARABLE)
+    assert not doubt.wants_a_rival(BEARABLE)
     for _ in range(12):
         doubt = doubt.after(1.0)
-    assert doubt.calls_for_a_rival(BEARABLE)
+    assert doubt.wants_a_rival(BEARABLE)
     for _ in range(30):
         doubt = doubt.after(0.1)
-    assert not doubt.calls_for_a_rival(BEARABLE)
+    assert not doubt.wants_a_rival(BEARABLE)
 
 
 def test_where_surprise_is_not_known_there_is_no_rival():
     doubt = Doubt().after(float("nan"))
     for _ in range(40):
         doubt = doubt.after(float("nan"))
-    assert not doubt.calls_for_a_rival(BEARABLE)
+    assert not doubt.wants_a_rival(BEARABLE)
 
 
 @pytest.mark.parametrize(("rivals", "wins"), [(0.5, True), (0.8, False), (2.0, False)])

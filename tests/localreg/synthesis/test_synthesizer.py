@@ -21,7 +21,14 @@ from localreg.synthesis.methods import build_estimator
 from localreg.synthesis.state import State
 from localreg.synthesis.synthesizer import Synthesizer
 from sensors.pose import TrackerFrame
-from tests.localreg.synthesis.sessions import Session, follow, moved_frame, only, without
+from tests.localreg.synthesis.sessions import (
+    Session,
+    follow,
+    moved_frame,
+    moved_pose,
+    only,
+    without,
+)
 
 ALL = np.ones(6, dtype=bool)
 
@@ -263,3 +270,23 @@ def test_a_failed_frame_leaves_a_pose_and_a_state_to_go_on_from(localreg, tracke
     session = Session(walk.qpos[3:14], body, follow(localreg, frames, after))
     assert session.is_finite
     assert session.errors[-1] < 0.02
+
+
+@pytest.mark.parametrize("heading", [0.0, 2.0, np.pi])
+@pytest.mark.parametrize("index", [0, 40, 80])
+def test_positions_alone_tell_the_first_pose_and_which_way_it_faces(
+    heading, index, localreg, trackers, walk
+):
+    away, everybody = np.array([1.0, 2.0, 0.0]), np.ones(6, dtype=bool)
+    frame = only(moved_frame(list(trackers)[index], heading, away), everybody, ~everybody)
+    truth = moved_pose(walk.qpos[index : index + 1], heading, away)[0]
+    found = localreg.init(frame).qpos
+    assert 2.0 * np.arccos(abs(found[3:7] @ truth[3:7])) < np.radians(10.0)
+    assert np.abs(found[7:] - truth[7:]).mean() < np.radians(4.0)
+
+
+def test_methods_without_a_database_begin_from_positions_too(localreg, trackers, subject):
+    everybody = np.ones(6, dtype=bool)
+    frame = only(trackers.frame(0), everybody, ~everybody)
+    estimator = build_estimator("ik", subject)
+    assert np.isfinite(estimator.init(frame).qpos).all()
