@@ -10,11 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.calibration_trials import EXACT, TRACKERS, Person, Trial, run_trial
 from calibration.anthropometry import GROUP_COUNT, group_of_bone
-from calibration.eigen_skeleton import (
-    SkeletonPrior,
-    average_subject,
-    lengths_of,
-)
+from calibration.eigen_skeleton import SkeletonPrior, average_subject, lengths_of
 from calibration.fit import align, default_mounts
 from calibration.knowledge import Knowledge
 from calibration.motion_fit import MotionFit

@@ -23,7 +23,9 @@ from localreg.body.skeleton import BONES
 from localreg.body.subject import Subject
 
 _CHUNK: Final = 8192  # poses a batch: bounds memory
-_PER_TRACKER: Final = 12  # relative position 3, relative rotation matrix 9
+PER_TRACKER: Final = 12
+"""Feature columns of a tracker: 3 of its relative position, 9 of its rotation matrix."""
+
 _UP: Final = np.array([0.0, 0.0, 1.0])
 
 
@@ -63,7 +65,7 @@ class FeatureLayout:
     @property
     def size(self) -> int:
         """Number of columns."""
-        return _PER_TRACKER * len(self.others) + 4
+        return PER_TRACKER * len(self.others) + 4
 
     def columns(
         self, position: Float[ndarray, " J"], rotation: Float[ndarray, " J"]
@@ -120,8 +122,8 @@ class FeatureLayout:
         """
         R = Rotation.from_rotvec(turn).as_matrix()
         out = np.array(features, dtype=float)
-        for column in range(0, len(out) - 4, _PER_TRACKER):
-            block = out[column : column + _PER_TRACKER]
+        for column in range(0, len(out) - 4, PER_TRACKER):
+            block = out[column : column + PER_TRACKER]
             block[:3] = block[:3] @ R
             block[3:] = (R.T @ block[3:].reshape(3, 3)).ravel()
         out[-4:-1] = out[-4:-1] @ R
@@ -200,7 +202,7 @@ def write_features(reference, others, positions, quaternions, out):
                 for k in range(3):
                     total += own[k, i] * turn[k, j]
                 out[column + 3 + 3 * i + j] = total
-        column += _PER_TRACKER
+        column += PER_TRACKER
     for i in range(3):
         out[column + i] = own[2, i]
     out[column + 3] = positions[reference, 2]
@@ -215,8 +217,8 @@ def write_trust(reference, others, seen, facing, in_reference, out):
     column = 0
     for other in others:
         out[column : column + 3] = placed if seen[other] else 0.0
-        out[column + 3 : column + _PER_TRACKER] = turned if facing[other] else 0.0
-        column += _PER_TRACKER
+        out[column + 3 : column + PER_TRACKER] = turned if facing[other] else 0.0
+        column += PER_TRACKER
     out[column : column + 3] = 1.0 if facing[reference] else 0.0
     out[column + 3] = 1.0 if seen[reference] else 0.0
 

@@ -38,6 +38,7 @@ class SubjectView:
 
     Attributes:
         database: the poses.
+        layout: which feature column means what.
         metric: how differences count.
         features: what the subject's trackers would say in every pose.
         targets: rows with a whole window of predecessors.
@@ -47,6 +48,7 @@ class SubjectView:
     """
 
     database: PoseDatabase
+    layout: FeatureLayout
     metric: Metric
     features: Float32[ndarray, "N f"]
     targets: Bool[ndarray, " N"]
@@ -109,6 +111,7 @@ def subject_view(
     # has large pages and no page is fetched in the middle of a frame.
     return SubjectView(
         database=database,
+        layout=layout,
         metric=metric,
         features=arrays["features"],
         targets=targets,

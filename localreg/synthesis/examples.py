@@ -9,9 +9,8 @@ from jaxtyping import Bool, Float, Float32
 from numpy import ndarray
 
 from localreg.database.block_search import BlockSearch, plain
-from localreg.database.features import FeatureLayout
 from localreg.database.neighbours import Metric, Query
-from localreg.database.resemblance import most_alike
+from localreg.database.resemblance import Lineup
 from localreg.database.store import PoseDatabase
 from localreg.database.view import SubjectView
 from localreg.errors import DatabaseError
@@ -78,17 +77,18 @@ class ExampleSource:
             self.angles[rows[:, None] - past], roots, self.features[rows], squared_distances
         )
 
+    @cached_property
+    def _lineup(self) -> Lineup:
+        return Lineup.of(self.view.layout, self.features, self.targets)
+
     def most_alike(
-        self,
-        layout: FeatureLayout,
-        positions: Float[ndarray, "J 3"],
-        seen: Bool[ndarray, " J"],
+        self, positions: Float[ndarray, "J 3"], seen: Bool[ndarray, " J"]
     ) -> Float[ndarray, "56"] | None:
         """Joint angles of the pose that looks most like some tracker positions [rad].
 
         None where too few are seen; see `localreg.database.resemblance`.
         """
-        row = most_alike(layout, self.features, np.flatnonzero(self.targets), positions, seen)
+        row = self._lineup.most_alike(positions, seen)
         return None if row is None else self.angles[row].astype(float)
 
 

@@ -141,11 +141,9 @@ class LocalRegression(Prior):
         difference(expectation.belief.qpos, qpos, moved)
         return drift if correct(expectation.drift, moved, covariance, drift) else None
 
-    def most_alike(
-        self, layout: FeatureLayout, observation: Observation
-    ) -> Float[ndarray, "56"] | None:
+    def most_alike(self, observation: Observation) -> Float[ndarray, "56"] | None:
         """The nearest database pose by positions alone."""
-        return self.source.most_alike(layout, observation.positions, observation.position_mask)
+        return self.source.most_alike(observation.positions, observation.position_mask)
 
     def acquire(self, query: Query) -> Acquisition:
         """The pose regression's answer without a past, and some of the examples themselves."""

@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from localreg.database.features import FeatureLayout
 from localreg.database.neighbours import Neighbours, Query
 from localreg.synthesis.belief import Belief
 from localreg.synthesis.observation import Observation
@@ -72,9 +71,7 @@ class Prior(ABC):
         """What to remember, beside the pose, of a frame that has been solved."""
         return None
 
-    def most_alike(
-        self, layout: FeatureLayout, observation: Observation
-    ) -> Float[ndarray, "56"] | None:
+    def most_alike(self, observation: Observation) -> Float[ndarray, "56"] | None:
         """Joint angles that put the trackers about where they are, however the body is turned.
 
         None for methods without a database, or where too few positions are measured.

@@ -166,12 +166,9 @@ class Synthesizer(Estimator[State]):
             other = self._advance(doubt.rival, observation)
             doubt = doubt.beside(surprise, other.state, other.expectation.surprise)
             if doubt.is_decided:
-                apart = are_apart(present.solution.qpos, other.solution.qpos)
-                if apart and doubt.prefers_the_rival:
-                    present = other._replace(result=Result.REACQUIRED)
-                    doubt = doubt.settled_on_the_rival
-                else:
-                    doubt = doubt.settled
+                wins = doubt.prefers_the_rival and _may_replace(other, present)
+                doubt = doubt.settled_on_the_rival if wins else doubt.settled
+                present = other._replace(result=Result.REACQUIRED) if wins else present
         elif doubt.wants_a_rival(bearable) and _is_well_seen(observation):
             found, _ = self._acquire(self._blank_from(present.state), observation)
             doubt = doubt._replace(rival=found)
@@ -240,7 +237,7 @@ class Synthesizer(Estimator[State]):
 
     def _unguided_query(self, state: State, observation: Observation) -> Query:
         """What is asked before it is known which way the reference tracker is turned."""
-        angles = self.prior.most_alike(self._layout, observation)
+        angles = self.prior.most_alike(observation)
         if angles is None:
             query, _ = self._query(state, observation)
             return query._replace(feature_trust=np.zeros_like(query.feature_trust))
@@ -287,6 +284,12 @@ class Synthesizer(Estimator[State]):
             steps=solution.steps,
             result=result,
         )
+
+
+def _may_replace(rival: Advance, present: Advance) -> bool:
+    """Whether a rival meets the trackers, by another pose than the present one."""
+    is_found = rival.result != Result.FAILED and not rival.residuals.are_far
+    return is_found and are_apart(present.solution.qpos, rival.solution.qpos)
 
 
 def _is_well_seen(observation: Observation) -> bool:

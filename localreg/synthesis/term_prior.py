@@ -15,7 +15,6 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 from numpy import ndarray
 
-from localreg.database.features import FeatureLayout
 from localreg.database.neighbours import Query
 from localreg.jax_numerics import host_arrays
 from localreg.synthesis.energy import Gaussian, Term
@@ -97,13 +96,11 @@ class FromTerms(Prior):
         belief = belief_of_terms(np.asarray(prediction.qpos), prediction.terms)
         return Expectation(belief, confidence=float("nan") if self.source is None else 1.0)
 
-    def most_alike(
-        self, layout: FeatureLayout, observation: Observation
-    ) -> Float[ndarray, "56"] | None:
+    def most_alike(self, observation: Observation) -> Float[ndarray, "56"] | None:
         """The nearest database pose by positions alone."""
         if self.source is None:
             return None
-        return self.source.most_alike(layout, observation.positions, observation.position_mask)
+        return self.source.most_alike(observation.positions, observation.position_mask)
 
     def acquire(self, query: Query) -> Acquisition:
         """The candidates, on the host."""

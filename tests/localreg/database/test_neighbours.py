@@ -11,6 +11,7 @@ from numpy import ndarray
 from localreg.database import PoseDatabase
 from localreg.database.block_index import build_index
 from localreg.database.block_search import BlockSearch
+from localreg.database.features import FeatureLayout
 from localreg.database.neighbours import Metric, NeighbourSearch, Query
 from localreg.database.view import SubjectView
 from localreg.synthesis.examples import example_source
@@ -191,7 +192,8 @@ def test_windows_never_reach_over_the_start_of_a_clip(seed, history):
     targets = np.zeros(len(database), dtype=bool)
     targets[database.window_targets(history)] = True
     index = build_index(database.angles, features, targets, metric)
-    view = SubjectView(database, metric, features, targets, database.clip_index, index)
+    layout = FeatureLayout(0, ())  # a reference's four columns and one more: any will do here
+    view = SubjectView(database, layout, metric, features, targets, database.clip_index, index)
     source = example_source(view, allowed, count=len(database))
     query = Query(
         rng.normal(size=(history, 56)), np.ones(history, dtype=bool),

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from localreg.database.features import FeatureLayout
-from localreg.database.resemblance import most_alike
+from localreg.database.resemblance import Lineup
 
 LAYOUT = FeatureLayout(1, (0, 2, 3))
 EVERYBODY = np.ones(4, dtype=bool)
@@ -20,6 +20,10 @@ def poses():
     return positions, LAYOUT.extract(positions, turns)
 
 
+def lineup(features):
+    return Lineup.of(LAYOUT, features, np.ones(len(features), dtype=bool))
+
+
 @pytest.mark.parametrize("heading", [0.0, 1.0, np.pi])
 @pytest.mark.parametrize("missing", [None, 0, LAYOUT.reference])
 def test_the_pose_itself_is_found_anywhere_in_the_room(poses, heading, missing):
@@ -30,20 +34,22 @@ def test_the_pose_itself_is_found_anywhere_in_the_room(poses, heading, missing):
     here = turn.apply(positions[17]) + np.array([3.0, -2.0, 0.4]) + noise
     if missing is not None:
         seen[missing], here[missing] = False, 99.0
-    assert most_alike(LAYOUT, features, np.arange(200), here, seen) == 17
+    assert lineup(features).most_alike(here, seen) == 17
 
 
 def test_up_is_up(poses):
     """The same positions upside down are another pose."""
     positions, features = poses
     over = Rotation.from_euler("x", np.pi).apply(positions[17])
-    assert most_alike(LAYOUT, features, np.arange(200), over, EVERYBODY) != 17
+    assert lineup(features).most_alike(over, EVERYBODY) != 17
 
 
 def test_only_allowed_rows_are_found(poses):
     positions, features = poses
-    rows = np.delete(np.arange(200), 17)
-    assert most_alike(LAYOUT, features, rows, positions[17], EVERYBODY) in rows
+    allowed = np.arange(200) != 17
+    found = Lineup.of(LAYOUT, features, allowed).most_alike(positions[17], EVERYBODY)
+    assert found is not None
+    assert allowed[found]
 
 
 def test_it_is_the_nearest_after_the_best_turn(poses):
@@ -54,19 +60,20 @@ def test_it_is_the_nearest_after_the_best_turn(poses):
     turns = Rotation.from_euler("z", np.linspace(0.0, 2.0 * np.pi, 721)[:, None]).as_matrix()
     turned = np.einsum("tij,nkj->tnki", turns, centered)
     apart = np.sum(np.square(turned - (here - here.mean(axis=0))), axis=(2, 3)).min(axis=0)
-    assert most_alike(LAYOUT, features, np.arange(200), here, EVERYBODY) == np.argmin(apart)
+    assert lineup(features).most_alike(here, EVERYBODY) == np.argmin(apart)
 
 
 def test_two_positions_are_too_few(poses):
     positions, features = poses
     seen = np.array([True, True, False, False])
-    assert most_alike(LAYOUT, features, np.arange(200), positions[0], seen) is None
-    assert most_alike(LAYOUT, features, np.arange(0), positions[0], EVERYBODY) is None
+    assert lineup(features).most_alike(positions[0], seen) is None
+    nobody = Lineup.of(LAYOUT, features, np.zeros(200, dtype=bool))
+    assert nobody.most_alike(positions[0], EVERYBODY) is None
 
 
 def test_of_a_large_database_some_poses_are_looked_at(poses, monkeypatch):
     positions, features = poses
     monkeypatch.setattr("localreg.database.resemblance._LOOKED_AT", 50)
-    found = most_alike(LAYOUT, features, np.arange(200), positions[16], EVERYBODY)
+    found = lineup(features).most_alike(positions[16], EVERYBODY)
     assert found == 16
-    assert most_alike(LAYOUT, features, np.arange(200), positions[17], EVERYBODY) % 4 == 0
+    assert lineup(features).most_alike(positions[17], EVERYBODY) % 4 == 0

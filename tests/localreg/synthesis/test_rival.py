@@ -7,11 +7,13 @@ import pytest
 
 from localreg.body.skeleton import DOF_NAMES
 from localreg.database.neighbours import Query
+from localreg.synthesis.attention import observe
 from localreg.synthesis.belief import Belief
 from localreg.synthesis.estimator import Result
 from localreg.synthesis.prior import Acquisition, Expectation, Prior
 from localreg.synthesis.rival import Doubt, are_apart
 from localreg.synthesis.state import State
+from localreg.synthesis.synthesizer import _may_replace
 from tests.localreg.synthesis.sessions import follow, without
 
 BEARABLE = 0.7
@@ -122,3 +124,14 @@ def test_rests_grow_while_rivals_are_given_up():
 def test_the_same_pose_is_no_rival(walk):
     assert not are_apart(walk.qpos[0], walk.qpos[0])
     assert are_apart(walk.qpos[0], written_otherwise(walk.qpos[0]))
+
+
+def test_a_rival_must_meet_the_trackers_by_another_pose(localreg, trackers):
+    present = localreg._advance(localreg.init(trackers.frame(0)), observe(trackers.frame(1)))
+    turned = present.solution._replace(qpos=written_otherwise(present.solution.qpos))
+    rival = present._replace(solution=turned)
+    assert _may_replace(rival, present)
+    assert not _may_replace(present, present)
+    assert not _may_replace(rival._replace(result=Result.FAILED), present)
+    away = present.residuals._replace(median_square=1e3)
+    assert not _may_replace(rival._replace(residuals=away), present)
