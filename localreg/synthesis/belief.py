@@ -18,12 +18,16 @@ from localreg.body.skeleton import DOF_COUNT
 
 
 class Limits(NamedTuple):
-    """Soft joint limits: nothing inside the range, a spring outside.
+    """Soft joint limits: nothing inside the range, a spring outside, a constant pull far outside.
+
+    The energy of an excess is Huber's function (1964), so that people who do what nobody in the
+    database did are slowed, not stopped.
 
     Attributes:
         low: lower ends of the ranges [rad]; minus infinity where there is none.
         high: upper ends [rad].
-        sigma: how far outside counts as one standard deviation [rad].
+        sigma: how far outside counts as one standard deviation [rad]; the pull does not grow
+            beyond.
     """
 
     low: Float[ndarray, "56"]

@@ -11,7 +11,9 @@ from math import log1p
 from typing import NamedTuple, no_type_check
 
 import numpy as np
+from jaxtyping import Float
 from numba import njit
+from numpy import ndarray
 
 from localreg.body.chain import (
     blank_placed,
@@ -32,11 +34,17 @@ _STRONGEST_DAMPING = 1e6
 
 
 class Control(NamedTuple):
-    """How trackers count: standard deviations [m], [rad], and c of the Lorentzian."""
+    """How trackers count.
+
+    Attributes:
+        sigma_position: what a tracker's position is believed to be off by [m].
+        sigma_orientation: the same for orientation [rad].
+        lorentzian: c of the Lorentzian for position and orientation of each tracker.
+    """
 
     sigma_position: float
     sigma_orientation: float
-    lorentzian: float
+    lorentzian: Float[ndarray, "J 2"]
 
 
 @njit(cache=True)
@@ -69,13 +77,13 @@ def _lorentzian(squared, c):
 @no_type_check
 def tracker_energy(position, orientation, observation, control):
     """The Lorentzian control energy of tracker errors."""
-    c = control.lorentzian
+    place_sigma, turn_sigma, c = control
     total = 0.0
     for j in range(len(position)):
         if observation.position_mask[j]:
-            total += _lorentzian(_squared(position[j]) / control.sigma_position**2, c)
+            total += _lorentzian(_squared(position[j]) / place_sigma**2, c[j, 0])
         if observation.orientation_mask[j]:
-            total += _lorentzian(_squared(orientation[j]) / control.sigma_orientation**2, c)
+            total += _lorentzian(_squared(orientation[j]) / turn_sigma**2, c[j, 1])
     return total
 
 
@@ -93,7 +101,8 @@ def _prior_energy(belief, qpos, deviation, pull):
     for i in range(_TANGENT - 6):
         angle = qpos[7 + i]
         excess = max(angle - limits.high[i], 0.0) + min(angle - limits.low[i], 0.0)
-        total += (excess / limits.sigma) ** 2
+        far = abs(excess) / limits.sigma
+        total += far * far if far < 1.0 else 2.0 * far - 1.0
     return 0.5 * total
 
 
@@ -102,6 +111,7 @@ def _prior_energy(belief, qpos, deviation, pull):
 def _normal_equations(jacobian, errors, observation, control, belief, qpos, deviation, pull, H, g):
     """Write Gauss-Newton Hessian (lower triangle) and gradient of the whole energy."""
     position, orientation = errors
+    place_sigma, turn_sigma, c = control
     bend = np.empty((3, 3))
     # The root's deviation is a rotation vector: d(log(a exp(d))) = J_l(log a)^-T d.
     inverse_left_jacobian(deviation[3:6], bend)
@@ -124,8 +134,9 @@ def _normal_equations(jacobian, errors, observation, control, belief, qpos, devi
         angle = qpos[7 + i]
         excess = max(angle - limits.high[i], 0.0) + min(angle - limits.low[i], 0.0)
         if excess != 0.0:
-            g[6 + i] += stiffness * excess
-            H[6 + i, 6 + i] += stiffness
+            weight = stiffness / max(1.0, abs(excess) / limits.sigma)
+            g[6 + i] += weight * excess
+            H[6 + i, 6 + i] += weight
     columns = np.empty(_TANGENT, np.int64)
     for j in range(len(position)):
         rows = jacobian[j]
@@ -135,10 +146,10 @@ def _normal_equations(jacobian, errors, observation, control, belief, qpos, devi
                 columns[count] = k
                 count += 1
         seen, facing = observation.position_mask[j], observation.orientation_mask[j]
-        place_weight = _weight(position[j], control.sigma_position, control) if seen else 0.0
+        place_weight = _weight(position[j], place_sigma, c[j, 0]) if seen else 0.0
         turn_weight = 0.0
         if facing:
-            turn_weight = _weight(orientation[j], control.sigma_orientation, control)
+            turn_weight = _weight(orientation[j], turn_sigma, c[j, 1])
             inverse_left_jacobian(orientation[j], bend)
             for n in range(count):
                 k = columns[n]
@@ -154,9 +165,9 @@ def _normal_equations(jacobian, errors, observation, control, belief, qpos, devi
 
 @njit(cache=True, inline="always")
 @no_type_check
-def _weight(error, sigma, control):
+def _weight(error, sigma, c):
     """What a squared error counts by the Lorentzian's reweighting."""
-    t = _squared(error) / (2.0 * control.lorentzian * sigma**2)
+    t = _squared(error) / (2.0 * c * sigma**2)
     return 1.0 / (sigma**2 * (1.0 + t))
 
 

@@ -53,7 +53,7 @@ def robust_scale(t: Float[Array, "*b"]) -> tuple[Float[Array, "*b"], Float[Array
 
 
 def robustify(
-    error: Float[Array, "J 3"], jacobian: Float[Array, "J 3 62"], c: Float[Array, ""]
+    error: Float[Array, "J 3"], jacobian: Float[Array, "J 3 62"], c: Float[Array, "#J"]
 ) -> tuple[Float[Array, "J 3"], Float[Array, "J 3 62"]]:
     """The Lorentzian residual of whitened errors, and its derivative."""
     scale, slope = robust_scale(jnp.sum(error * error, axis=-1) / (2.0 * c))
@@ -70,14 +70,15 @@ class TrackerTerm(Term):
         observation: what the trackers say.
         sigma_position: expected position error [m].
         sigma_orientation: expected orientation error [rad].
-        lorentzian: c of the Lorentzian; infinity makes it plain squares.
+        lorentzian: c of the Lorentzian for position and orientation of each tracker;
+            infinity makes it plain squares.
     """
 
     kinematics: Kinematics
     observation: Observation
     sigma_position: Float[Array, ""]
     sigma_orientation: Float[Array, ""]
-    lorentzian: Float[Array, ""]
+    lorentzian: Float[Array, "J 2"]
 
     def errors(self, qpos: Float[Array, " 63"]) -> tuple[Float[Array, "J 3"], Float[Array, "J 3"]]:
         """Position errors [m] and orientation errors as world rotation vectors [rad]."""
@@ -87,13 +88,20 @@ class TrackerTerm(Term):
         """Robust whitened errors: positions of all trackers, then orientations."""
         (position, orientation), jacobian = self._errors_and_jacobian(qpos)
         measured = self.observation
+        at, turned = self.lorentzian.T
         kinds = (
-            (position, jacobian[:, :3], self.sigma_position, measured.position_mask),
-            (orientation, jacobian[:, 3:], self.sigma_orientation, measured.orientation_mask),
+            (position, jacobian[:, :3], self.sigma_position, at, measured.position_mask),
+            (
+                orientation,
+                jacobian[:, 3:],
+                self.sigma_orientation,
+                turned,
+                measured.orientation_mask,
+            ),
         )
         parts = []
-        for error, block, sigma, mask in kinds:
-            f, J = robustify(error / sigma, block / sigma, self.lorentzian)
+        for error, block, sigma, c, mask in kinds:
+            f, J = robustify(error / sigma, block / sigma, c)
             parts.append((jnp.where(mask[:, None], f, 0.0), jnp.where(mask[:, None, None], J, 0.0)))
         residual = jnp.concatenate([f.reshape(-1) for f, _ in parts])
         return Linearized(
@@ -202,7 +210,7 @@ class RootTerm(Term):
 
 
 class LimitTerm(Term):
-    """Soft joint limits: nothing inside the range, a spring outside.
+    """Soft joint limits: see `localreg.synthesis.belief.Limits`.
 
     Attributes:
         low: lower ends of the ranges [rad].
@@ -215,12 +223,15 @@ class LimitTerm(Term):
     sigma: Float[Array, ""]
 
     def linearize(self, qpos: Float[Array, " 63"]) -> Linearized:
-        """Excess over the range, whitened."""
+        """Excess over the range, whitened; its square is Huber's function."""
         angles = qpos[7:]
         excess = jnp.maximum(angles - self.high, 0.0) + jnp.minimum(angles - self.low, 0.0)
-        slope = jnp.where(excess != 0.0, 1.0 / self.sigma, 0.0)
+        far = jnp.abs(excess) / self.sigma
+        root = jnp.sqrt(jnp.maximum(2.0 * far - 1.0, 1.0))
+        residual = jnp.sign(excess) * jnp.where(far < 1.0, far, root)
+        slope = jnp.where(excess != 0.0, 1.0 / (root * self.sigma), 0.0)
         jacobian = jnp.zeros((DOF_COUNT, TANGENT_SIZE), dtype=qpos.dtype)
-        return Linearized(excess / self.sigma, jacobian.at[:, 6:].set(jnp.diag(slope)))
+        return Linearized(residual, jacobian.at[:, 6:].set(jnp.diag(slope)))
 
 
 def linearize(terms: tuple[Term, ...], qpos: Float[Array, " 63"]) -> Linearized:

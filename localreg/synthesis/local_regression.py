@@ -113,6 +113,10 @@ class LocalRegression(Prior):
         memory, drift = self._memory, state.drift
         if drift is None:
             memory, drift = memory._replace(lasts=0.0), NO_DRIFT
+        fading, limits = state.strain.fading(self.settings.bearable_strain), self.limits
+        if fading > 1.0:
+            memory = memory._replace(fading=fading)
+            limits = limits._replace(sigma=limits.sigma * fading**0.5)
         ahead = blank_ahead()
         look_ahead(
             np.asarray(state.qpos, dtype=float), np.asarray(state.covariance), drift, near,
@@ -120,7 +124,7 @@ class LocalRegression(Prior):
             self._pose, self._step, self._outputs, memory, ahead,
         )  # fmt: skip
         return Expectation(
-            belief=Belief(ahead.qpos, ahead.mean, ahead.information, self.limits),
+            belief=Belief(ahead.qpos, ahead.mean, ahead.information, limits),
             drift=ahead,
             caution=known.caution,
             confidence=min(1.0, known.usual / max(distance, 1e-9)),

@@ -74,12 +74,14 @@ class Memory(NamedTuple):
         floor_position: least deviation of a step's translation [m].
         floor_angle: of its angles [rad].
         pose_information: share of the pose regression's information that counts.
+        fading: what all covariances are multiplied by.
     """
 
     lasts: float
     floor_position: float
     floor_angle: float
     pose_information: float
+    fading: float = 1.0
 
 
 class Ahead(NamedTuple):
@@ -148,7 +150,7 @@ def look_ahead(
     integrate(before, step + ahead.drift.mean, ahead.qpos)
     poses = _rows_of(outputs.angles, near.rows)
     pose, doubt = regress(pose_inputs, poses, weights, pose_regression, distance)
-    _fuse(pose, doubt, memory.pose_information, ahead)
+    _fuse(pose, doubt, memory.pose_information / memory.fading, ahead)
 
 
 @njit(cache=True)
@@ -195,17 +197,18 @@ def to_the_world(quaternion, mean, covariance):
 @no_type_check
 def _carry(covariance, drift, step, memory, ahead):
     """Carry the past on: covariance of the pose, and the drift."""
-    n, lasts = len(covariance), memory.lasts
+    n, lasts, fading = len(covariance), memory.lasts, memory.fading
     before, crossed = drift.covariance, drift.cross
     expected, spread, cross = ahead.covariance, ahead.drift.covariance, ahead.drift.cross
     for i in range(n):
         ahead.drift.mean[i] = lasts * drift.mean[i]
         for j in range(n):
-            spread[i, j] = lasts**2 * before[i, j] + (1.0 - lasts**2) * step[i, j]
-            cross[i, j] = lasts * crossed[i, j] + spread[i, j]
+            spread[i, j] = fading * (lasts**2 * before[i, j] + (1.0 - lasts**2) * step[i, j])
+            cross[i, j] = fading * lasts * crossed[i, j] + spread[i, j]
             both = lasts * (crossed[i, j] + crossed[j, i])
-            expected[i, j] = covariance[i, j] + spread[i, j] + both
-        expected[i, i] += (memory.floor_position if i < 3 else memory.floor_angle) ** 2
+            expected[i, j] = fading * (covariance[i, j] + both) + spread[i, j]
+        floor = memory.floor_position if i < 3 else memory.floor_angle
+        expected[i, i] += fading * floor**2
 
 
 @njit(cache=True)

@@ -45,6 +45,8 @@ class Settings:
         rehearsals: database poses that trust in the regressions is learned from.
         bearable_surprise: squared distance of the neighbours, in units of the usual and as a
             running mean, beyond which another pose is sought beside the present one.
+        bearable_strain: squared error of a tracker in units of its sigma beyond which, where it
+            lasts, the tracker is heard again and the prior fades.
         metric_history: weight of each lag's joint angles in the search [1/rad].
         search_by_trackers: whether neighbours must agree with the present trackers, too;
             where there is no past they always must.
@@ -83,6 +85,7 @@ class Settings:
     step_floor_angle: float = radians(0.05)
     rehearsals: int = 1200
     bearable_surprise: float = 0.7
+    bearable_strain: float = 9.0
     metric_history: tuple[float, ...] = (0.6, 0.3, 0.15)
     search_by_trackers: bool = True
     metric_position: float = 2.0

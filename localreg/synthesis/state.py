@@ -13,6 +13,7 @@ from localreg.database.neighbours import Neighbours
 from localreg.synthesis.attention import LONG, Attention
 from localreg.synthesis.observation import Signals
 from localreg.synthesis.rival import Doubt
+from localreg.synthesis.strain import Strain
 
 
 class State(NamedTuple):
@@ -27,6 +28,7 @@ class State(NamedTuple):
         attention: which trackers are being heard.
         drift: how the past has lately misled; the prior's own business.
         near: the neighbours in the database.
+        strain: how far trackers keep being left.
         lost: frames in a row that the trackers were left far from.
         signals: what the trackers measured when something was first measured.
         doubt: whether another pose would explain the trackers better.
@@ -38,6 +40,7 @@ class State(NamedTuple):
     history: Float[ndarray, "m 56"]
     history_valid: Bool[ndarray, " m"]
     attention: Attention
+    strain: Strain
     drift: Any = None
     near: Neighbours | None = None
     lost: int = 0
@@ -56,6 +59,7 @@ def blank_state(history: int, trackers: int) -> State:
         history=np.zeros((history, DOF_COUNT)),
         history_valid=np.zeros(history, dtype=bool),
         attention=Attention(np.full(trackers, LONG), LONG),
+        strain=Strain.none(trackers),
     )
 
 

@@ -36,6 +36,7 @@ from localreg.synthesis.state import (
     remember,
     state_at,
 )
+from localreg.synthesis.strain import Strain
 from sensors.pose import TrackerFrame
 
 LOST_AFTER: Final = 4
@@ -134,7 +135,7 @@ class Synthesizer(Estimator[State]):
         """One frame from one state."""
         query, attention = self._query(state, observation)
         expectation = self.prior.expect(query, state)
-        solution = self._solve(observation, expectation.belief)
+        solution = self._solve(observation, expectation.belief, state.strain)
         solved = solution.ok
         if not solved:
             solution = self._stay(state, observation, expectation)
@@ -145,6 +146,7 @@ class Synthesizer(Estimator[State]):
             attention=attention,
             drift=self.prior.conclude(expectation, solution.qpos, covariance),
             near=expectation.near,
+            strain=self._strain(state.strain, observation, residuals),
             lost=state.lost + 1 if residuals.are_far else 0,
         )
         result = Result.SOLVED if solved else Result.FAILED
@@ -181,10 +183,19 @@ class Synthesizer(Estimator[State]):
     @cached_property
     def _control(self) -> Control:
         settings = self.settings
-        return Control(settings.sigma_position, settings.sigma_orientation, settings.lorentzian)
+        lorentzian = np.full((len(self.subject.trackers), 2), settings.lorentzian)
+        return Control(settings.sigma_position, settings.sigma_orientation, lorentzian)
 
-    def _problem(self, observation: Observation, belief: Belief) -> Problem:
-        return Problem(self.chain, observation, self._control, belief)
+    def _problem(self, observation: Observation, belief: Belief, strain: Strain) -> Problem:
+        usual, bearable = self._control, self.settings.bearable_strain
+        control = usual._replace(lorentzian=strain.widened(usual.lorentzian, bearable))
+        return Problem(self.chain, observation, control, belief)
+
+    def _strain(self, before: Strain, observation: Observation, residuals: Residuals) -> Strain:
+        sigma_position, sigma_orientation, _ = self._control
+        errors = np.stack([residuals.distances, residuals.angles])
+        sigmas = sigma_position, sigma_orientation
+        return before.after(observation, errors, sigmas, self.settings.bearable_strain)
 
     def _blank(self) -> State:
         return blank_state(self.settings.history, len(self.subject.trackers))
@@ -204,9 +215,9 @@ class Synthesizer(Estimator[State]):
     def _solver(self) -> Solver:
         return SOLVERS[self.settings.solver]()
 
-    def _solve(self, observation: Observation, belief: Belief) -> Solution:
+    def _solve(self, observation: Observation, belief: Belief, strain: Strain) -> Solution:
         """The solver's answer."""
-        problem = self._problem(observation, belief)
+        problem = self._problem(observation, belief, strain)
         return self._solver.solve(problem, belief.qpos, self.settings.max_steps)
 
     def _stay(self, state: State, observation: Observation, expectation: Expectation) -> Solution:
@@ -257,7 +268,7 @@ class Synthesizer(Estimator[State]):
             start = align_root(self.chain, np.asarray(state.qpos), angles, observation)
             mean[6:] = acquisition.mean - angles
             belief = Belief(start, mean.copy(), information)
-            problem = self._problem(observation, belief)
+            problem = self._problem(observation, belief, state.strain)
             solutions.append(self._solver.solve(problem, start, self.settings.max_steps_acquire))
         best = min(solutions, key=lambda found: found.energy if found.ok else np.inf)
         found = state_at(best.qpos, self.settings.history, len(self.subject.trackers))

@@ -91,7 +91,9 @@ class FromTerms(Prior):
     def expect(self, query: Query, state: State) -> Expectation:
         """The terms' sum as one belief."""
         examples = self._examples(query)
-        plain = state._replace(lost=0, drift=None, near=None, signals=None, doubt=Doubt())
+        plain = state._replace(
+            strain=None, lost=0, drift=None, near=None, signals=None, doubt=Doubt()
+        )
         prediction = _predict(self.prior, examples, Question.of(query), plain)
         belief = belief_of_terms(np.asarray(prediction.qpos), prediction.terms)
         return Expectation(belief, confidence=float("nan") if self.source is None else 1.0)

@@ -48,7 +48,8 @@ def observe(
 
 def planted(observation: Observation, belief: Belief, c: float = 9.0) -> Problem:
     """Trackers of the default quality, and a prior."""
-    return Problem(CHAIN, observation, Control(0.005, float(np.radians(1.0)), c), belief)
+    control = Control(0.005, float(np.radians(1.0)), np.full((len(ALL), 2), c))
+    return Problem(CHAIN, observation, control, belief)
 
 
 def belief_about(angles: ndarray, sigma: float) -> Belief:

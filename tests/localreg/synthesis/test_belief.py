@@ -61,7 +61,7 @@ def belief_energy(belief: Belief, qpos: ndarray) -> float:
     placed = chain.blank_placed(CHAIN)
     errors = np.zeros((6, 3)), np.zeros((6, 3))
     room = np.empty(62), np.empty(62)
-    control = Control(0.005, 0.02, 9.0)
+    control = Control(0.005, 0.02, np.full((6, 2), 9.0))
     trackers = observe(EXPECTED, NONE, NONE)
     return energy_at(CHAIN, trackers, control, belief, qpos, placed, errors, *room)
 

@@ -81,7 +81,7 @@ def tracker_term(observation: Observation, c: float = 1.0) -> TrackerTerm:
         observation,
         jnp.asarray(0.005),
         jnp.asarray(np.radians(1.0)),
-        jnp.asarray(float(c)),
+        jnp.full((TRACKERS, 2), float(c)),
     )
 
 
@@ -134,7 +134,12 @@ def test_the_derivative_of_the_limit_term():
     angles = POSES[0, 7:]
     residual = linearized(term, jnp.asarray(POSES[0])).residual
     outside = np.maximum(angles - high, 0.0) + np.minimum(angles - low, 0.0)
-    np.testing.assert_allclose(residual, outside / 0.05)
+    far = np.abs(outside) / 0.05
+    assert np.any((far > 0.0) & (far < 1.0))
+    assert np.any(far > 2.0)
+    huber = np.where(far < 1.0, far**2, 2.0 * far - 1.0)
+    np.testing.assert_allclose(np.square(residual), huber, atol=1e-12)
+    np.testing.assert_array_equal(np.sign(residual), np.sign(outside))
     inside = np.concatenate([POSES[0, :7], np.full(56, -0.25)])
     assert not np.any(linearized(term, jnp.asarray(inside)).residual)
     assert not np.any(linearized(term, jnp.asarray(inside)).jacobian)
@@ -195,7 +200,7 @@ def test_the_robust_scale_makes_squares_the_lorentzian(t):
 @settings(max_examples=50, deadline=None)
 def test_a_robust_residual_is_worth_the_lorentzian(error, c):
     e = jnp.asarray([error])
-    f, _ = robustify(e, jnp.zeros((1, 3, 62)), jnp.asarray(c))
+    f, _ = robustify(e, jnp.zeros((1, 3, 62)), jnp.full(1, c))
     expected = c * np.log1p(np.dot(error, error) / (2.0 * c))
     assert 0.5 * float(jnp.sum(f * f)) == pytest.approx(expected, rel=1e-10, abs=1e-300)
 

@@ -1,0 +1,101 @@
+"""Which errors make the belief fade, and what that saves."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from localreg.body.skeleton import DOF_NAMES
+from localreg.evaluation.trackers import simulate_trackers
+from localreg.synthesis.observation import Observation
+from localreg.synthesis.strain import Strain
+from tests.localreg.synthesis.sessions import Session, follow
+
+SIGMAS = (0.005, 0.01)
+BEARABLE = 9.0
+ALL = np.ones(2, dtype=bool)
+STILL = Observation(np.zeros((2, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (2, 1)), ALL, ALL)
+
+
+def strained(errors, observations=None):
+    """The strain after each frame, the second tracker's position being off by so much [m]."""
+    strain, found = Strain.none(2), []
+    for index, error in enumerate(errors):
+        said = STILL if observations is None else observations[index]
+        off = np.array([[0.004, error], [0.01, 0.01]])
+        strain = strain.after(said, off, SIGMAS, BEARABLE)
+        found.append(strain)
+    return found
+
+
+def moved(x):
+    positions = np.zeros((2, 3))
+    positions[1, 0] = x
+    return STILL._replace(positions=positions)
+
+
+def test_noise_is_no_strain():
+    for strain in strained(np.abs(np.random.default_rng(0).normal(size=200)) * 0.005):
+        assert strain.fading(BEARABLE) < 1.2
+    assert strained([0.005] * 9)[-1].fading(BEARABLE) == 1.0
+
+
+def test_an_outlier_is_no_strain():
+    for strain in strained([0.004, 0.3, 0.004, 0.004, 0.3, 0.3, 0.004]):
+        assert strain.fading(BEARABLE) == 1.0
+        lorentzian = np.full((2, 2), 9.0)
+        assert strain.widened(lorentzian, BEARABLE) is lorentzian
+
+
+def test_an_error_that_lasts_is_and_goes_again():
+    frames = strained([0.004] + 30 * [0.3] + 40 * [0.004])
+    fading = np.array([strain.fading(BEARABLE) for strain in frames])
+    assert fading[4] > 1.0
+    assert np.all(np.diff(fading[:31]) >= 0.0)
+    assert fading[30] == pytest.approx(60.0**2 / BEARABLE)
+    assert np.all(np.diff(fading[31:]) <= 0.0)
+    assert fading[-1] == 1.0
+    wider = frames[30].widened(np.full((2, 2), 9.0), BEARABLE)
+    np.testing.assert_allclose(wider, [[9.0, 9.0], [60.0**2, 9.0]])
+
+
+def test_an_error_that_a_jump_has_brought_is_not_until_it_has_ended():
+    there_and_back = [moved(0.0)] * 3 + [moved(0.3)] * 20 + [moved(0.0)] * 3
+    frames = strained([0.004] * 3 + [0.3] * 20 + [0.004] * 3, there_and_back)
+    assert all(strain.fading(BEARABLE) == 1.0 for strain in frames)
+    assert frames[10].jumped.tolist() == [[False, False], [True, False]]
+    assert not frames[-1].jumped.any()
+
+
+def test_what_is_not_measured_strains_nothing():
+    frames = strained([0.3] * 20 + [np.nan] * 60)
+    assert frames[19].fading(BEARABLE) > 100.0
+    assert frames[-1].fading(BEARABLE) == 1.0
+    assert all(np.isfinite(strain.squares).all() for strain in frames)
+
+
+def test_covariances_never_grow_without_bound():
+    assert strained([50.0] * 60)[-1].fading(BEARABLE) == 1000.0
+
+
+@pytest.fixture(scope="module")
+def salute(walk):
+    """The walk, but both arms go where they are in none of the walks."""
+    qpos = walk.qpos[:100].copy()
+    raised = np.radians(80.0) * np.clip((np.arange(100) - 15) / 40.0, 0.0, 1.0)
+    for name, side in (("lhumerusrz", 1.0), ("rhumerusrz", -1.0)):
+        qpos[:, 7 + DOF_NAMES.index(name)] += side * raised
+    return replace(walk, qpos=qpos)
+
+
+def test_motion_that_the_database_lacks_is_followed_all_the_same(salute, localreg, body):
+    frames = list(simulate_trackers(salute, truth=body.tracker_poses(salute.qpos)))
+    stubborn = replace(localreg, settings=replace(localreg.settings, bearable_strain=np.inf))
+    left, errors = [], []
+    for estimator in (localreg, stubborn):
+        session = Session(salute.qpos, body, follow(estimator, frames))
+        residuals = np.array([pose.position_residuals for pose in session.poses])
+        left.append(residuals[60:].mean(axis=0).max())
+        errors.append(session.errors[60:].mean())
+    assert left[0] < 0.01 < 0.02 < left[1]
+    assert errors[0] < errors[1]
