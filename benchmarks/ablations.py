@@ -67,6 +67,7 @@ ABLATIONS: Final = (
     Ablation("no drift of the step regression", f"{OURS}:drift_memory=0"),
     Ablation("pose regression as if new in every frame", f"{OURS}:pose_information=1"),
     Ablation("no rival sought where neighbors stay far", f"{OURS}:bearable_surprise=1e9"),
+    Ablation("no fading where trackers are left", f"{OURS}:bearable_strain=1e9"),
     Ablation("300 rehearsals, not 1200", f"{OURS}:rehearsals=300"),
     Ablation("30 rehearsals", f"{OURS}:rehearsals=30"),
     Ablation("hardly any ridge", f"{OURS}:pose_ridge=0.1:step_ridge=1"),

@@ -54,15 +54,13 @@ class Residuals(NamedTuple):
     """How far each tracker is from where it is synthesized; NaN where not measured.
 
     Attributes:
-        distances: [m].
-        angles: [rad].
+        errors: distances [m], then angles [rad].
         median_square: the upper median of their squares in units of their sigmas; 0 if there
             are none.
         measured: share of positions and orientations that is measured.
     """
 
-    distances: Float[ndarray, " J"]
-    angles: Float[ndarray, " J"]
+    errors: Float[ndarray, "2 J"]
     median_square: float
     measured: float
 
@@ -193,9 +191,8 @@ class Synthesizer(Estimator[State]):
 
     def _strain(self, before: Strain, observation: Observation, residuals: Residuals) -> Strain:
         sigma_position, sigma_orientation, _ = self._control
-        errors = np.stack([residuals.distances, residuals.angles])
         sigmas = sigma_position, sigma_orientation
-        return before.after(observation, errors, sigmas, self.settings.bearable_strain)
+        return before.after(observation, residuals.errors, sigmas, self.settings.bearable_strain)
 
     def _blank(self) -> State:
         return blank_state(self.settings.history, len(self.subject.trackers))
@@ -276,20 +273,20 @@ class Synthesizer(Estimator[State]):
         return known, best
 
     def _residuals(self, observation: Observation, solution: Solution) -> Residuals:
-        distances, angles = np.empty((2, len(observation.position_mask)))
+        errors = np.empty((2, len(observation.position_mask)))
         median, measured = _residuals(
             solution.position_errors, solution.orientation_errors, observation, self._control,
-            distances, angles,
+            errors,
         )  # fmt: skip
-        return Residuals(distances, angles, median, measured)
+        return Residuals(errors, median, measured)
 
     def _pose(self, time: float, advance: Advance) -> Pose:
         state, solution, residuals, expectation, result = advance
         return Pose(
             time=time,
             qpos=solution.qpos,
-            position_residuals=residuals.distances,
-            orientation_residuals=residuals.angles,
+            position_residuals=residuals.errors[0],
+            orientation_residuals=residuals.errors[1],
             confidence=expectation.confidence * residuals.measured,
             predicted_sigma=expectation.caution * np.sqrt(np.diagonal(state.covariance)[6:]),
             steps=solution.steps,
@@ -311,9 +308,10 @@ def _is_well_seen(observation: Observation) -> bool:
 
 @njit(cache=True)
 @no_type_check
-def _residuals(positions, orientations, observation, control, distances, angles):
+def _residuals(positions, orientations, observation, control, errors):
     """Write the lengths of errors; returns the rest of `Residuals`."""
-    distances[:], angles[:] = np.nan, np.nan
+    errors[:] = np.nan
+    distances, angles = errors
     squares, count = np.empty(2 * len(distances)), 0
     for j in range(len(distances)):
         if observation.position_mask[j]:
