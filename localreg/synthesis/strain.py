@@ -25,7 +25,8 @@ _FADES: Final = 0.8
 """... and fades no faster than by this one."""
 
 _LEAP: Final = 0.25
-"""A tracker that moves by more in a frame has jumped [m]: no limb is as fast as 10 m/s ..."""
+"""A tracker that moves by more in a frame has jumped [m]: no limb is as fast as 10 m/s, which is
+that at 40 Hz ..."""
 
 _COSINE_OF_HALF_SPIN: Final = float(np.cos(np.radians(25.0)))
 """... or turns by 50 degrees."""
