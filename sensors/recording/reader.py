@@ -5,17 +5,23 @@ import struct
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any, Final
 
 import zstandard
-from mcap.exceptions import InvalidMagic, McapError
+from mcap.exceptions import McapError
 from mcap.records import Channel, Message
-from mcap.stream_reader import CRCValidationError, StreamReader
+from mcap.stream_reader import StreamReader
+from mcap.writer import MCAP0_MAGIC
 
 from sensors.errors import RecordingError
 
 # A torn length must not make the reader ask for gigabytes.
-_LARGEST_RECORD = 256 * 2**20
+_LARGEST_RECORD: Final = 256 * 2**20
+
+# What the reader may stumble over where bytes are damaged: lengths and names among them.
+_DAMAGE: Final = (
+    McapError, zstandard.ZstdError, struct.error, ValueError, OverflowError, MemoryError,
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +42,7 @@ class RecordedMessage:
 def read_recording(path: Path, topics: Collection[str] = ()) -> Iterator[RecordedMessage]:
     """Everything in a recording, in the order it was written.
 
-    A file whose writer was killed simply ends earlier.
+    A file whose writer was killed simply ends earlier, as does a damaged one.
 
     Args:
         path: the file.
@@ -48,14 +54,28 @@ def read_recording(path: Path, topics: Collection[str] = ()) -> Iterator[Recorde
     """
     try:
         with path.open("rb") as file:
-            yield from _messages(StreamReader(file, record_size_limit=_LARGEST_RECORD), topics)
+            if not MCAP0_MAGIC.startswith(file.read(len(MCAP0_MAGIC))):
+                raise RecordingError(f"{path} is no recording; give an .mcap file")
+            wary: Any = _Wary(file)
+            reader = StreamReader(wary, skip_magic=True, record_size_limit=_LARGEST_RECORD)
+            yield from _messages(reader, topics)
     except OSError as error:
         raise RecordingError(f"cannot read {path}: {error.strerror or error}") from error
-    except InvalidMagic:
-        raise RecordingError(f"{path} is no recording; give an .mcap file") from None
-    except (McapError, CRCValidationError, zstandard.ZstdError, struct.error):
+    except _DAMAGE:
         # Cut off in the middle of a record: what came before is good.
         return
+
+
+class _Wary:
+    """A file that never reads more at once than the largest record, whatever a chunk claims."""
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self._file = file
+
+    def read(self, size: int) -> bytes:
+        if size > _LARGEST_RECORD:
+            raise ValueError(f"{size} bytes at once")
+        return self._file.read(size)
 
 
 def _messages(reader: StreamReader, topics: Collection[str]) -> Iterator[RecordedMessage]:

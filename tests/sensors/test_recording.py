@@ -244,14 +244,20 @@ def test_a_killed_recording_holds_all_but_the_last_moment(tmp_path, moment):
     assert theirs == ours
 
 
-def test_a_recording_cut_anywhere_is_a_shorter_recording(tmp_path):
-    path = tmp_path / "whole.mcap"
+@pytest.fixture(scope="module")
+def counted(tmp_path_factory):
+    """A recording of sixty messages in several chunks."""
+    path = tmp_path_factory.mktemp("recording") / "whole.mcap"
     with Recorder(path, flush_interval=0.01) as recorder:
         channel = recorder.channel("/count", "count", POSES)
         for n in range(60):
             channel.write({"n": n}, time.monotonic())
             time.sleep(0.002)
-    data = path.read_bytes()
+    return path.read_bytes()
+
+
+def test_a_recording_cut_anywhere_is_a_shorter_recording(counted, tmp_path):
+    data = counted
     cut = tmp_path / "cut.mcap"
     longest = 0
     for length in [*range(8, len(data), 37), len(data)]:
@@ -261,6 +267,19 @@ def test_a_recording_cut_anywhere_is_a_shorter_recording(tmp_path):
         assert len(found) >= longest
         longest = len(found)
     assert longest == 60
+
+
+@pytest.mark.parametrize("junk", [b"\xff" * 8, b"\x00\x00\x00\x00\x04\x00\x00\x00"])
+def test_a_recording_damaged_anywhere_is_a_shorter_recording(counted, tmp_path, junk):
+    """Lengths of exabytes and of gigabytes, and names that are no text."""
+    damaged = tmp_path / "damaged.mcap"
+    shorter = 0
+    for place in range(8, len(counted) - 8, 5):
+        damaged.write_bytes(counted[:place] + junk + counted[place + 8 :])
+        found = [m.data.get("n") for m in read_recording(damaged, ("/count",))]
+        assert len(found) <= 60
+        shorter += len(found) < 60
+    assert shorter > 10
 
 
 def test_other_readers_find_everything_by_the_index(tmp_path):
