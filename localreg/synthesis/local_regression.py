@@ -4,7 +4,9 @@ Two local ridge regressions are fused with what was believed before. The first p
 pose from past joint angles and present tracker features, the second the step since the last
 frame (root included) from the past alone. Both are believed as far as rehearsal has shown
 (`localreg.synthesis.experience`): their covariance is that of their leave-one-out residuals
-plus a part that grows with the squared distance of the neighbours.
+plus a part that grows with the squared distance of the neighbours. Where that is larger than
+usual, joints that hardly move in the database may do so now: a share of their anatomical ranges
+is added, and the ranges that the database keeps to become softer.
 
 Errors of consecutive frames are alike, which is why they cannot simply be averaged:
 
@@ -24,7 +26,7 @@ from jaxtyping import Float, Int
 from numpy import ndarray
 
 from localreg.body.chain import Chain, difference
-from localreg.body.skeleton import DOF_COUNT, TANGENT_SIZE
+from localreg.body.skeleton import DOF_COUNT, TANGENT_SIZE, joint_limits
 from localreg.database.block_search import plain
 from localreg.database.features import FeatureLayout
 from localreg.database.neighbours import Neighbours, Query
@@ -54,7 +56,9 @@ from localreg.synthesis.state import State
 from localreg.synthesis.windows import Reduced, ranges
 
 _FARTHEST = 100.0  # squared distance beyond which nothing more is doubted
-_NEAR_ENOUGH = 10.0  # nobody is surprised by less, however near neighbours usually are
+# Squared distances that are not strange, and no surprise, however near neighbours usually are.
+_NOT_STRANGE = 1.0
+_NOT_SURPRISING = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,10 +117,12 @@ class LocalRegression(Prior):
         memory, drift = self._memory, state.drift
         if drift is None:
             memory, drift = memory._replace(lasts=0.0), NO_DRIFT
-        fading, limits = state.strain.fading(self.settings.bearable_strain), self.limits
+        fading = state.strain.fading(self.settings.bearable_strain)
         if fading > 1.0:
             memory = memory._replace(fading=fading)
-            limits = limits._replace(sigma=limits.sigma * fading**0.5)
+        apart = max(1.0, distance / max(known.usual, 1e-9))
+        # Far from all that the database holds, its ranges say little about the joints.
+        limits = self.limits._replace(sigma=self.limits.sigma * (fading * apart) ** 0.5)
         ahead = blank_ahead()
         look_ahead(
             np.asarray(state.qpos, dtype=float), np.asarray(state.covariance), drift, near,
@@ -127,8 +133,8 @@ class LocalRegression(Prior):
             belief=Belief(ahead.qpos, ahead.mean, ahead.information, limits),
             drift=ahead,
             caution=known.caution,
-            confidence=min(1.0, known.usual / max(distance, 1e-9)),
-            surprise=distance / max(known.usual, _NEAR_ENOUGH),
+            confidence=1.0 / apart,
+            surprise=distance / max(known.usual, _NOT_SURPRISING),
             near=near,
         )
 
@@ -153,9 +159,11 @@ class LocalRegression(Prior):
         """The pose regression's answer without a past, and some of the examples themselves."""
         near = self.source.search.search(query, self.settings.neighbours)
         examples = self.source.angles[near.rows]
+        # A first pose needs a firm guess of what the trackers do not say.
+        regression = self._pose._replace(strange=np.zeros(DOF_COUNT))
         mean, covariance = regress(
             self._pose_inputs(near.rows, query), examples, kernel_weights(near.squared_distances),
-            self._pose, self._distance(near, query),
+            regression, self._distance(near, query),
         )  # fmt: skip
         starts = spread_starts(mean, examples.astype(float))
         return Acquisition(starts, mean, np.linalg.inv(covariance.astype(float)))
@@ -165,13 +173,17 @@ class LocalRegression(Prior):
         known, settings = self.experience, self.settings
         # Copies, so that one type is compiled for, whether they come from a file or not.
         share, growth = np.array(known.pose_share), np.array(known.pose_growth)
-        return Regression(float(settings.pose_ridge), share, growth, float(settings.floor))
+        usual = max(known.usual, _NOT_STRANGE)
+        strange = np.square(settings.strangeness * np.ptp(joint_limits(), axis=1)) / usual
+        ridge, floor = float(settings.pose_ridge), float(settings.floor)
+        return Regression(ridge, share, growth, floor, usual, strange)
 
     @cached_property
     def _step(self) -> Regression:
         known = self.experience
         share, growth = np.array(known.step_share), np.array(known.step_growth)
-        return Regression(float(self.settings.step_ridge), share, growth, 0.0)
+        ridge, nothing = float(self.settings.step_ridge), np.zeros(len(share))
+        return Regression(ridge, share, growth, 0.0, known.usual, nothing)
 
     @cached_property
     def _outputs(self) -> Outputs:

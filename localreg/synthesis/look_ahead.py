@@ -44,12 +44,16 @@ class Regression(NamedTuple):
         share: of the predicted deviation that is believed, for every output.
         growth: covariance that is added per squared distance of the neighbours.
         floor: deviation that every output has beside.
+        usual: squared distance up to which growth was learned.
+        strange: variance of every output that is added per squared distance beyond that.
     """
 
     ridge: float
     share: Float[ndarray, " d"]
     growth: Float[ndarray, "d d"]
     floor: float
+    usual: float
+    strange: Float[ndarray, " d"]
 
 
 class Outputs(NamedTuple):
@@ -170,11 +174,11 @@ def regress(inputs, outputs, weights, regression, distance):
     """Mean and covariance by one regression."""
     X, x = inputs
     mean, known = predict(X, outputs, weights, x, regression.ridge, regression.share)
-    growth = regression.growth
+    growth, beyond = regression.growth, max(0.0, distance - regression.usual)
     for i in range(len(known)):
         for j in range(len(known)):
             known[i, j] += distance * growth[i, j]
-        known[i, i] += regression.floor**2
+        known[i, i] += regression.floor**2 + beyond * regression.strange[i]
     return mean, known
 
 

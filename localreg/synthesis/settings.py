@@ -42,6 +42,8 @@ class Settings:
         drift_memory: share of the step regression's error that is still there a frame later.
         step_floor_position: least standard deviation of the root's step [m].
         step_floor_angle: least standard deviation of any angle's step [rad].
+        strangeness: what a joint angle may be off by where neighbours are twice as far (squared)
+            as those of nine in ten database poses, as a share of its anatomical range.
         rehearsals: database poses that trust in the regressions is learned from.
         bearable_surprise: squared distance of the neighbours, in units of the usual and as a
             running mean, beyond which another pose is sought beside the present one.
@@ -83,6 +85,7 @@ class Settings:
     drift_memory: float = 0.75
     step_floor_position: float = 0.001
     step_floor_angle: float = radians(0.05)
+    strangeness: float = 0.055
     rehearsals: int = 1200
     bearable_surprise: float = 0.7
     bearable_strain: float = 9.0

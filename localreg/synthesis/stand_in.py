@@ -84,4 +84,4 @@ def look_ahead_once() -> None:
 
 
 def _regression(size: int) -> Regression:
-    return Regression(1.0, np.ones(size), np.eye(size), 0.0)
+    return Regression(1.0, np.ones(size), np.eye(size), 0.0, 1.0, np.zeros(size))

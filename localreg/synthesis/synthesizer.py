@@ -144,7 +144,7 @@ class Synthesizer(Estimator[State]):
             attention=attention,
             drift=self.prior.conclude(expectation, solution.qpos, covariance),
             near=expectation.near,
-            strain=self._strain(state.strain, observation, residuals),
+            strain=self._strain(state.strain, observation, solution),
             lost=state.lost + 1 if residuals.are_far else 0,
         )
         result = Result.SOLVED if solved else Result.FAILED
@@ -186,13 +186,14 @@ class Synthesizer(Estimator[State]):
 
     def _problem(self, observation: Observation, belief: Belief, strain: Strain) -> Problem:
         usual, bearable = self._control, self.settings.bearable_strain
-        control = usual._replace(lorentzian=strain.widened(usual.lorentzian, bearable))
+        wider = strain.widened(usual.lorentzian, observation, bearable)
+        control = usual._replace(lorentzian=wider)
         return Problem(self.chain, observation, control, belief)
 
-    def _strain(self, before: Strain, observation: Observation, residuals: Residuals) -> Strain:
-        sigma_position, sigma_orientation, _ = self._control
-        sigmas = sigma_position, sigma_orientation
-        return before.after(observation, residuals.errors, sigmas, self.settings.bearable_strain)
+    def _strain(self, before: Strain, observation: Observation, solution: Solution) -> Strain:
+        errors = solution.position_errors, solution.orientation_errors
+        sigmas = self._control.sigma_position, self._control.sigma_orientation
+        return before.after(observation, errors, sigmas, self.settings.bearable_strain)
 
     def _blank(self) -> State:
         return blank_state(self.settings.history, len(self.subject.trackers))

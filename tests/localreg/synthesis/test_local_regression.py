@@ -7,6 +7,7 @@ import pytest
 from numpy import ndarray
 
 from localreg.body import chain
+from localreg.body.skeleton import DOF_NAMES
 from localreg.evaluation.trackers import simulate_trackers
 from localreg.motion.motion import Motion, Provenance
 from localreg.synthesis.attention import observe
@@ -154,6 +155,27 @@ def test_the_prior_trusts_itself_less_on_motion_unlike_the_database(localreg, pr
         query = localreg._query(state, observe(simulate_trackers(motion).frame(20)))[0]
         spreads.append(np.diagonal(prior.expect(query, state).drift.covariance))
     assert np.sqrt(spreads[1]).mean() > 2.0 * np.sqrt(spreads[0]).mean()
+
+
+def test_what_hardly_moves_in_the_database_may_move_on_motion_unlike_it(localreg, prior, walk):
+    """Collar bones are still in walks, and arms keep to a narrow range."""
+    made = replace(make_motion(3, 40, RATE, amplitude=0.5), subject=walk.subject)
+    stiff = replace(prior, settings=replace(prior.settings, strangeness=0.0))
+    collar = 6 + DOF_NAMES.index("lclaviclery")
+    deviations, limits = np.empty((2, 2)), []
+    for column, motion in enumerate((walk, made)):
+        state = knowing(motion, 20)
+        query = localreg._query(state, observe(simulate_trackers(motion).frame(20)))[0]
+        for row, each in enumerate((prior, stiff)):
+            expected = each.expect(query, state)
+            past = np.linalg.inv(expected.drift.covariance)
+            told = (expected.belief.information - past)[collar, collar]
+            deviations[row, column] = 1.0 / np.sqrt(told)
+        limits.append(expected.belief.limits.sigma)
+    assert limits[0] == pytest.approx(prior.limits.sigma, rel=0.1)
+    assert limits[1] > 2.0 * limits[0]
+    assert deviations[0, 0] == pytest.approx(deviations[1, 0], rel=0.05)
+    assert deviations[0, 1] > 2.0 * deviations[1, 1]
 
 
 @pytest.mark.parametrize("signal", ["positions", "orientations", "three", "nothing"])
