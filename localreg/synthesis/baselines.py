@@ -19,6 +19,7 @@ from jaxtyping import Array, Float
 from localreg import jax_numerics as jax_numerics
 from localreg.body.kinematics import integrate
 from localreg.body.skeleton import DOF_COUNT
+from localreg.synthesis.easy_poses import EASE
 from localreg.synthesis.energy import Gaussian, LimitTerm, PriorTerm, RootTerm
 from localreg.synthesis.examples import Examples
 from localreg.synthesis.prior import STARTS
@@ -154,7 +155,7 @@ class InverseKinematics(TermPrior):
 
     def acquire(self, examples: Examples, question: Question) -> Candidates:
         """A wide pull to an easy standing pose, from several starts."""
-        wide = jnp.full(DOF_COUNT, jnp.radians(25.0))
+        wide = jnp.full(DOF_COUNT, EASE)
         return Candidates(self.starts, Gaussian.from_deviations(self.starts[0], wide))
 
 

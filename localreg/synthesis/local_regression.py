@@ -49,7 +49,13 @@ from localreg.synthesis.look_ahead import (
     regress,
 )
 from localreg.synthesis.observation import Observation, Signals
-from localreg.synthesis.prior import Acquisition, Expectation, Prior, spread_starts
+from localreg.synthesis.prior import (
+    Acquisition,
+    Expectation,
+    Prior,
+    plain_acquisition,
+    spread_starts,
+)
 from localreg.synthesis.rehearsal import NEAR
 from localreg.synthesis.settings import Settings
 from localreg.synthesis.state import State
@@ -167,6 +173,10 @@ class LocalRegression(Prior):
         )  # fmt: skip
         starts = spread_starts(mean, examples.astype(float))
         return Acquisition(starts, mean, np.linalg.inv(covariance.astype(float)))
+
+    def acquire_plainly(self) -> Acquisition:
+        """Easy poses."""
+        return plain_acquisition()
 
     @cached_property
     def _pose(self) -> Regression:

@@ -13,6 +13,7 @@ from numpy import ndarray
 
 from localreg.database.neighbours import Neighbours, Query
 from localreg.synthesis.belief import Belief
+from localreg.synthesis.easy_poses import EASE, easy_poses
 from localreg.synthesis.observation import Observation
 from localreg.synthesis.state import State
 
@@ -71,6 +72,13 @@ class Prior(ABC):
         """What to remember, beside the pose, of a frame that has been solved."""
         return None
 
+    def acquire_plainly(self) -> Acquisition | None:
+        """Where to look for a rival of a pose, whatever the database holds.
+
+        None for methods that do not tell how well the database knows a pose.
+        """
+        return None
+
     def most_alike(self, observation: Observation) -> Float[ndarray, "56"] | None:
         """Joint angles that put the trackers about where they are, however the body is turned.
 
@@ -81,6 +89,12 @@ class Prior(ABC):
     @abstractmethod
     def acquire(self, query: Query) -> Acquisition:
         """Say where to look when there is no past."""
+
+
+def plain_acquisition() -> Acquisition:
+    """A wide pull to easy standing, from several starts."""
+    starts = easy_poses()
+    return Acquisition(starts, starts[0], np.eye(starts.shape[1]) / EASE**2)
 
 
 def spread_starts(

@@ -3,9 +3,10 @@
 Two poses can put six trackers into the same places: an arm turned the other way round at the
 shoulder and back at the wrist. Once the wrong one is taken, the past speaks for it, and its
 energy is hardly higher. What gives it away is that the database has seen nothing like it. So
-where neighbours stay far, a pose is sought from the trackers alone. This *rival* is followed
-beside the present pose for a few frames, and takes its place if the database knows it
-clearly better: two hypotheses, as in tracking by multiple hypotheses (Reid 1979).
+beside a pose that was found from one frame with the help of the database another is followed
+that was found without, and where neighbours stay far, such a *rival* is sought anew. It takes
+the pose's place if the database knows it clearly better after some frames: two hypotheses, as
+in tracking by multiple hypotheses (Reid 1979).
 """
 
 from typing import Any, Final, NamedTuple
@@ -26,10 +27,10 @@ _REST: Final = 10
 _LONGEST_REST: Final = 80
 """... up to so many."""
 
-_FOLLOWED: Final = 6
-"""Frames that a rival is followed; the later half are compared."""
+_LOOKS: Final = (6, 12, 24)
+"""After so many frames beside a rival the later half of them are compared."""
 
-_CLEARLY: Final = 1.5
+_CLEARLY: Final = 1.3
 """How many times as far the present pose's neighbours must be."""
 
 _APART: Final = np.radians(1.0)
@@ -46,7 +47,7 @@ class Doubt(NamedTuple):
         rival: the rival's state (`localreg.synthesis.state.State`) after the last frame; None
             if there is none.
         followed: for how many frames there has been one.
-        far: sum of the present pose's surprises over those that are compared.
+        far: sum of the present pose's surprises over the frames that the next look compares.
         rivals_far: sum of the rival's.
     """
 
@@ -63,31 +64,39 @@ class Doubt(NamedTuple):
         mean = (1.0 - _SHARE) * self.surprise + _SHARE * surprise
         return self._replace(surprise=mean, rest=max(0, self.rest - 1))
 
+    def challenged_by(self, rival: Any) -> "Doubt":
+        """The doubt with a rival that has just been found."""
+        return self._replace(rival=rival, followed=0, far=0.0, rivals_far=0.0)
+
     def wants_a_rival(self, bearable: float) -> bool:
         """Whether it is time to look for another pose; never where surprise is not known."""
         return self.rival is None and self.rest == 0 and self.surprise > bearable
 
     def beside(self, surprise: float, rival: Any, rivals_surprise: float) -> "Doubt":
         """The doubt after a frame that the rival was followed through, too."""
-        doubt = self._replace(rival=rival, followed=self.followed + 1)
-        if doubt.followed <= _FOLLOWED // 2:
-            return doubt
-        return doubt._replace(far=self.far + surprise, rivals_far=self.rivals_far + rivals_surprise)
-
-    @property
-    def is_decided(self) -> bool:
-        """Whether the rival has been followed for long enough."""
-        return self.followed >= _FOLLOWED
+        anew = 2 * self.followed in _LOOKS
+        far, rivals_far = (0.0, 0.0) if anew else (self.far, self.rivals_far)
+        return self._replace(
+            rival=rival,
+            followed=self.followed + 1,
+            far=far + surprise,
+            rivals_far=rivals_far + rivals_surprise,
+        )
 
     @property
     def prefers_the_rival(self) -> bool:
-        """Whether the database knows the rival clearly better."""
-        return self.far > _CLEARLY * self.rivals_far
+        """Whether it is time to look, and the database knows the rival clearly better."""
+        return self.followed in _LOOKS and self.far > _CLEARLY * self.rivals_far
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the rival has been followed for long enough."""
+        return self.followed >= _LOOKS[-1]
 
     @property
     def settled_on_the_rival(self) -> "Doubt":
         """The doubt once the rival has taken the pose's place."""
-        compared = _FOLLOWED - _FOLLOWED // 2
+        compared = self.followed - self.followed // 2
         return Doubt(surprise=self.rivals_far / compared)
 
     @property

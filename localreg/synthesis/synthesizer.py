@@ -26,7 +26,7 @@ from localreg.synthesis.compiled import Control
 from localreg.synthesis.estimator import Estimator, Pose, Result
 from localreg.synthesis.linear_algebra import positive_inverse
 from localreg.synthesis.observation import Observation
-from localreg.synthesis.prior import Expectation, Prior
+from localreg.synthesis.prior import Acquisition, Expectation, Prior
 from localreg.synthesis.rival import Doubt, are_apart
 from localreg.synthesis.settings import Settings
 from localreg.synthesis.solver import SOLVERS, Problem, Solution, Solver
@@ -114,7 +114,10 @@ class Synthesizer(Estimator[State]):
 
     def init(self, frame: TrackerFrame) -> State:
         """Find the pose from one frame alone, from several starts."""
-        return self._acquire(self._blank(), observe(frame))[0]
+        observation = observe(frame)
+        blank = self._blank()._replace(signals=observation.signals)
+        found, _ = self._acquire(blank, observation)
+        return self._challenged(found, blank, observation)
 
     def init_at(self, qpos: Float[ndarray, "63"]) -> State:
         """Begin from a known pose."""
@@ -150,10 +153,12 @@ class Synthesizer(Estimator[State]):
         result = Result.SOLVED if solved else Result.FAILED
         if after.lost >= LOST_AFTER:
             after = after._replace(lost=0)
-            found, sought = self._acquire(self._blank_from(after), observation)
+            blank = self._blank_from(after)
+            found, sought = self._acquire(blank, observation)
             beside = self._residuals(observation, sought)
             if sought.ok and not beside.are_far:
-                after, solution, residuals, result = found, sought, beside, Result.REACQUIRED
+                after = self._challenged(found, blank, observation)
+                solution, residuals, result = sought, beside, Result.REACQUIRED
         return Advance(after, solution, residuals, expectation, result)
 
     def _reconsider(self, doubt: Doubt, present: Advance, observation: Observation) -> Advance:
@@ -165,14 +170,15 @@ class Synthesizer(Estimator[State]):
         if doubt.rival is not None:
             other = self._advance(doubt.rival, observation)
             doubt = doubt.beside(surprise, other.state, other.expectation.surprise)
-            if doubt.is_decided:
-                wins = doubt.prefers_the_rival and _may_replace(other, present)
-                doubt = doubt.settled_on_the_rival if wins else doubt.settled
-                present = other._replace(result=Result.REACQUIRED) if wins else present
-        elif doubt.wants_a_rival(bearable) and _is_well_seen(observation):
-            found, _ = self._acquire(self._blank_from(present.state), observation)
-            doubt = doubt._replace(rival=found)
-        return present._replace(state=present.state._replace(doubt=doubt))
+            if doubt.prefers_the_rival and _is_found(other):
+                doubt = doubt.settled_on_the_rival
+                present = other._replace(result=Result.REACQUIRED)
+            elif doubt.is_over or not are_apart(present.solution.qpos, other.solution.qpos):
+                doubt = doubt.settled
+        after = present.state._replace(doubt=doubt)
+        if doubt.wants_a_rival(bearable):
+            after = self._challenged(after, self._blank_from(after), observation)
+        return present._replace(state=after)
 
     @cached_property
     def _layout(self) -> FeatureLayout:
@@ -235,14 +241,21 @@ class Synthesizer(Estimator[State]):
         before a pose has been found without them.
         """
         if not observation.orientation_mask[self._layout.reference]:
-            found, _ = self._best_of_starts(
-                self._unguided_query(state, observation), state, observation
-            )
+            query = self._unguided_query(state, observation)
+            found, _ = self._best_of_starts(self.prior.acquire(query), state, observation)
             query, _ = self._query(found, observation)
             query = query._replace(history_valid=np.zeros_like(query.history_valid))
         else:
             query, _ = self._query(state, observation)
-        return self._best_of_starts(query, state, observation)
+        return self._best_of_starts(self.prior.acquire(query), state, observation)
+
+    def _challenged(self, state: State, blank: State, observation: Observation) -> State:
+        """A state beside which a rival is followed, where enough is seen to find one."""
+        plain = self.prior.acquire_plainly()
+        if plain is None or not _is_well_seen(observation):
+            return state
+        rival, _ = self._best_of_starts(plain, blank, observation)
+        return state._replace(doubt=state.doubt.challenged_by(rival))
 
     def _unguided_query(self, state: State, observation: Observation) -> Query:
         """What is asked before it is known which way the reference tracker is turned."""
@@ -255,9 +268,8 @@ class Synthesizer(Estimator[State]):
         return query
 
     def _best_of_starts(
-        self, query: Query, state: State, observation: Observation
+        self, acquisition: Acquisition, state: State, observation: Observation
     ) -> tuple[State, Solution]:
-        acquisition = self.prior.acquire(query)
         information = np.zeros((TANGENT_SIZE, TANGENT_SIZE))
         information[6:, 6:] = acquisition.information
         mean = np.zeros(TANGENT_SIZE)
@@ -295,10 +307,9 @@ class Synthesizer(Estimator[State]):
         )
 
 
-def _may_replace(rival: Advance, present: Advance) -> bool:
-    """Whether a rival meets the trackers, by another pose than the present one."""
-    is_found = rival.result != Result.FAILED and not rival.residuals.are_far
-    return is_found and are_apart(present.solution.qpos, rival.solution.qpos)
+def _is_found(rival: Advance) -> bool:
+    """Whether a rival meets the trackers."""
+    return rival.result != Result.FAILED and not rival.residuals.are_far
 
 
 def _is_well_seen(observation: Observation) -> bool:

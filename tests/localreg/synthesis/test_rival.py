@@ -4,16 +4,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from jaxtyping import Float
+from numpy import ndarray
 
 from localreg.body.skeleton import DOF_NAMES
 from localreg.database.neighbours import Query
+from localreg.evaluation.trackers import TrackerQuality, simulate_trackers
 from localreg.synthesis.attention import observe
 from localreg.synthesis.belief import Belief
 from localreg.synthesis.estimator import Result
+from localreg.synthesis.methods import build_estimator
 from localreg.synthesis.prior import Acquisition, Expectation, Prior
 from localreg.synthesis.rival import Doubt, are_apart
 from localreg.synthesis.state import State
-from localreg.synthesis.synthesizer import _may_replace
+from localreg.synthesis.synthesizer import _is_found
 from tests.localreg.synthesis.sessions import follow, without
 
 BEARABLE = 0.7
@@ -44,6 +48,28 @@ class Stubborn(Prior):
     def acquire(self, query: Query) -> Acquisition:
         return self.prior.acquire(query)
 
+    def acquire_plainly(self) -> Acquisition | None:
+        return self.prior.acquire_plainly()
+
+
+class Misled(Prior):
+    """Finds a pose that is not the one the trackers come from."""
+
+    def __init__(self, prior: Prior, angles: Float[ndarray, "56"]) -> None:
+        self.prior, self.angles = prior, angles
+
+    def expect(self, query: Query, state: State) -> Expectation:
+        return self.prior.expect(query, state)
+
+    def conclude(self, expectation, qpos, covariance):
+        return self.prior.conclude(expectation, qpos, covariance)
+
+    def acquire(self, query: Query) -> Acquisition:
+        return Acquisition(self.angles[None], self.angles, 1e3 * np.eye(56))
+
+    def acquire_plainly(self) -> Acquisition | None:
+        return self.prior.acquire_plainly()
+
 
 def test_a_shoulder_that_began_the_other_way_round_is_set_right(localreg, trackers, walk):
     frames = list(trackers)[1:40]
@@ -73,12 +99,42 @@ def test_no_rival_is_sought_while_most_trackers_are_away(localreg, trackers, wal
         assert state.doubt.rival is None
 
 
-def test_a_pose_that_is_known_well_has_no_rival(localreg, trackers):
-    frames = list(trackers)[:60]
+@pytest.mark.parametrize("signals", ["both", "position"])
+def test_a_pose_that_is_known_well_gives_up_the_rival_that_it_began_with(localreg, walk, signals):
+    frames = list(simulate_trackers(walk, TrackerQuality(signals=signals)))[:60]
     state = localreg.init(frames[0])
+    assert are_apart(state.qpos, state.doubt.rival.qpos)
+    there = []
     for frame in frames:
-        state, _ = localreg.step(state, frame)
-        assert state.doubt.rival is None
+        state, pose = localreg.step(state, frame)
+        assert pose.result == Result.SOLVED
+        there.append(state.doubt.rival is not None)
+    followed = sum(there)
+    assert 1 <= followed <= 24
+    assert not any(there[followed:])
+
+
+def test_a_rival_is_found_without_the_database(localreg, trackers, walk):
+    first = trackers.frame(0)
+    rival = localreg.init(first).doubt.rival
+    fooled = replace(localreg, prior=Misled(localreg.prior, written_otherwise(walk.qpos[0])[7:]))
+    misled = fooled.init(first)
+    np.testing.assert_allclose(misled.doubt.rival.qpos, rival.qpos)
+    assert are_apart(misled.qpos, rival.qpos)
+    off = np.abs(rival.qpos[SHOULDER] - walk.qpos[0, SHOULDER])
+    assert off.max() < 0.5
+
+    poses = follow(fooled, list(trackers)[1:40], misled)
+    found_anew = [index for index, pose in enumerate(poses) if pose.result == Result.REACQUIRED]
+    assert len(found_anew) == 1
+    assert found_anew[0] < 24
+    late = np.abs(poses[-1].qpos[SHOULDER] - walk.qpos[39, SHOULDER])
+    assert late.max() < 0.5
+
+
+def test_methods_that_know_no_surprise_follow_no_rivals(walk, trackers):
+    plain = build_estimator("ik", walk.subject)
+    assert plain.init(trackers.frame(0)).doubt.rival is None
 
 
 def test_doubt_grows_and_falls_with_surprise():
@@ -99,17 +155,30 @@ def test_where_surprise_is_not_known_there_is_no_rival():
     assert not doubt.wants_a_rival(BEARABLE)
 
 
-@pytest.mark.parametrize(("rivals", "wins"), [(0.5, True), (0.8, False), (2.0, False)])
-def test_a_rival_wins_by_clearly_less_surprise_in_the_end(rivals, wins):
+@pytest.mark.parametrize(("rivals", "when"), [(0.5, 6), (0.74, 6), (0.8, None), (2.0, None)])
+def test_a_rival_wins_by_clearly_less_surprise(rivals, when):
     """What it is like in its first frames does not count."""
-    doubt = Doubt()
-    for surprise in [9.0, 9.0, 9.0, rivals, rivals, rivals]:
-        assert not doubt.is_decided
-        doubt = doubt.beside(1.0, object(), surprise)
-    assert doubt.is_decided
-    assert doubt.prefers_the_rival == wins
+    doubt = Doubt().challenged_by(object())
+    for frame in range(1, 25):
+        assert not doubt.is_over
+        doubt = doubt.beside(1.0, object(), 9.0 if frame <= 3 else rivals)
+        if doubt.prefers_the_rival:
+            break
+    assert doubt.is_over == (when is None)
+    assert doubt.prefers_the_rival == (when is not None)
+    assert when is None or frame == when
     assert doubt.settled_on_the_rival.surprise == pytest.approx(rivals)
     assert doubt.settled.rival is None
+
+
+@pytest.mark.parametrize(("begins", "when"), [(3, 6), (5, 12), (6, 12), (9, 24)])
+def test_a_rival_may_win_late(begins, when):
+    doubt = Doubt().challenged_by(object())
+    for frame in range(1, 25):
+        doubt = doubt.beside(1.0, object(), 1.0 if frame <= begins else 0.6)
+        if doubt.prefers_the_rival:
+            break
+    assert frame == when
 
 
 def test_rests_grow_while_rivals_are_given_up():
@@ -118,7 +187,8 @@ def test_rests_grow_while_rivals_are_given_up():
         doubt = doubt.settled
         rests.append(doubt.rest)
     assert rests == [10, 20, 40, 80, 80]
-    assert doubt.settled_on_the_rival.pause == 10
+    taken = doubt.challenged_by(object()).beside(1.0, object(), 0.5).settled_on_the_rival
+    assert taken.pause == 10
 
 
 def test_the_same_pose_is_no_rival(walk):
@@ -126,12 +196,9 @@ def test_the_same_pose_is_no_rival(walk):
     assert are_apart(walk.qpos[0], written_otherwise(walk.qpos[0]))
 
 
-def test_a_rival_must_meet_the_trackers_by_another_pose(localreg, trackers):
-    present = localreg._advance(localreg.init(trackers.frame(0)), observe(trackers.frame(1)))
-    turned = present.solution._replace(qpos=written_otherwise(present.solution.qpos))
-    rival = present._replace(solution=turned)
-    assert _may_replace(rival, present)
-    assert not _may_replace(present, present)
-    assert not _may_replace(rival._replace(result=Result.FAILED), present)
-    away = present.residuals._replace(median_square=1e3)
-    assert not _may_replace(rival._replace(residuals=away), present)
+def test_a_rival_must_meet_the_trackers(localreg, trackers):
+    rival = localreg._advance(localreg.init(trackers.frame(0)), observe(trackers.frame(1)))
+    assert _is_found(rival)
+    assert not _is_found(rival._replace(result=Result.FAILED))
+    away = rival.residuals._replace(median_square=1e3)
+    assert not _is_found(rival._replace(residuals=away))
