@@ -33,6 +33,9 @@ _LOOKS: Final = (6, 12, 24)
 _CLEARLY: Final = 1.3
 """How many times as far the present pose's neighbours must be."""
 
+_HOPELESS: Final = 3.0
+"""How many times as far the rival's neighbours may be at a look."""
+
 _APART: Final = np.radians(1.0)
 """Poses whose joint angles differ by less on average are the same pose [rad]."""
 
@@ -91,7 +94,8 @@ class Doubt(NamedTuple):
     @property
     def is_over(self) -> bool:
         """Whether the rival has been followed for long enough."""
-        return self.followed >= _LOOKS[-1]
+        is_hopeless = self.followed in _LOOKS and self.rivals_far > _HOPELESS * self.far
+        return is_hopeless or self.followed >= _LOOKS[-1]
 
     @property
     def settled_on_the_rival(self) -> "Doubt":

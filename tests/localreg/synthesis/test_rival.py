@@ -181,6 +181,15 @@ def test_a_rival_may_win_late(begins, when):
     assert frame == when
 
 
+@pytest.mark.parametrize(("rivals", "over"), [(2.9, 24), (3.1, 6)])
+def test_a_hopeless_rival_is_given_up_at_the_first_look(rivals, over):
+    doubt = Doubt().challenged_by(object())
+    while not doubt.is_over:
+        doubt = doubt.beside(1.0, object(), rivals)
+    assert doubt.followed == over
+    assert not doubt.prefers_the_rival
+
+
 def test_rests_grow_while_rivals_are_given_up():
     doubt, rests = Doubt(), []
     for _ in range(5):
