@@ -10,10 +10,11 @@ with the database. The answer depends on nothing but the query.
 import copy
 import threading
 from collections.abc import Sequence
-from typing import Final
+from functools import lru_cache, partial
+from typing import Final, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int
+from jaxtyping import Bool, Float, Float32, Int
 from numpy import ndarray
 from scipy.linalg import solve_triangular
 
@@ -45,6 +46,7 @@ _MORE: Final = 1.1  # by how much the K-th distance may grow from frame to frame
 _TABLE: Final = 1024  # places in the table of what follows; a power of two
 _MOST_HINTS: Final = _TABLE // 2
 _UNTRUSTED: Final = 1e-6  # what is trusted of a direction of which nothing is
+_KEPT_TURNS: Final = 32  # trust lasts: that of the first frames, or while a tracker is away
 
 
 class BlockSearch(NeighbourSearch):
@@ -87,6 +89,7 @@ class BlockSearch(NeighbourSearch):
         clusters = len(index.blocks.cluster_center)
         self._probes = clusters if probes is None else min(probes, clusters)
         self._is_strict = strict
+        self._turn = lru_cache(_KEPT_TURNS)(partial(_trusted, index.basis))
         self._room = threading.local()
 
     @property
@@ -144,19 +147,19 @@ class BlockSearch(NeighbourSearch):
         raw, away, point, beside, fine_beside = look_from(
             query.history, query.features, self._scale, self._index.mean, self._index.basis
         )
-        weight, turn, coarse = self._weight, _NO_TURN, _NO_TURN
+        weight, turn = self._weight, _NO_TURN
         if not query.is_whole:
             known = np.repeat(query.history_valid[::-1], query.history.shape[1])
             trust = np.concatenate([known, query.feature_trust])
+            turn = self._turn(trust.tobytes())
             weight = np.square(self._scale * trust).astype(np.float32)
-            turn, point = _trusted(self._index.basis, trust, away)
-            coarse = np.ascontiguousarray(turn[:DIRECTIONS, :DIRECTIONS])
+            point = (turn.onto @ away).astype(np.float32)
             length = float(np.sum(np.square(trust * away)))
             outside = length - np.cumsum(np.square(point, dtype=float))[[DIRECTIONS - 1, -1]]
             beside, fine_beside = np.sqrt(np.maximum(outside, 0.0)).tolist()
         return Target(
-            raw[:past], weight[:past], raw[past:], weight[past:], point[:DIRECTIONS], coarse,
-            beside, point, turn, fine_beside, without, self._is_strict,
+            raw[:past], weight[:past], raw[past:], weight[past:], point[:DIRECTIONS],
+            turn.coarse, beside, point, turn.fine, fine_beside, without, self._is_strict,
         )  # fmt: skip
 
     def _scratch(self) -> Scratch:
@@ -185,25 +188,40 @@ class BlockSearch(NeighbourSearch):
         return self._room.scratch
 
 
-_NO_TURN: Final = np.zeros((0, 0), dtype=np.float32)
+class _Turn(NamedTuple):
+    """Principal directions as far as a query is trusted.
+
+    Attributes:
+        fine: what turns coordinates along them into trusted ones.
+        coarse: the same for the directions of blocks.
+        onto: from a window to trusted coordinates.
+    """
+
+    fine: Float32[ndarray, "D D"]
+    coarse: Float32[ndarray, "d d"]
+    onto: Float[ndarray, "D n"]
+
+
+_NOTHING: Final = np.zeros((0, 0), dtype=np.float32)
+_NO_TURN: Final = _Turn(_NOTHING, _NOTHING, np.zeros((0, 0)))
 _NO_ROWS: Final = np.zeros(0, dtype=np.int64)
 
 
-def _trusted(
-    basis: Float32[ndarray, "n D"], trust: ndarray, away: ndarray
-) -> tuple[Float32[ndarray, "D D"], Float32[ndarray, " D"]]:
-    """What turns principal directions into what is trusted of them, and the query there.
+def _trusted(basis: Float32[ndarray, "n D"], trust_bytes: bytes) -> _Turn:
+    """What is trusted of the principal directions.
 
     With A = T P the trusted part of the directions, and A^T A = L L^T, |A y - T q| is the
     distance of y L from a point, and of what of T q lies outside A's dimensions. L is
     triangular, so that the first directions do without the others.
     """
+    trust = np.frombuffer(trust_bytes)
     part = trust[:, None] * basis
     square = part.T @ part
     square[np.diag_indices(len(square))] += _UNTRUSTED
     L = np.linalg.cholesky(square)
-    point = solve_triangular(L, part.T @ (trust * away), lower=True, check_finite=False)
-    return L.astype(np.float32), point.astype(np.float32)
+    onto = solve_triangular(L, part.T * trust, lower=True, check_finite=False)
+    fine = L.astype(np.float32)
+    return _Turn(fine, np.ascontiguousarray(fine[:DIRECTIONS, :DIRECTIONS]), onto)
 
 
 def plain(array: ndarray) -> ndarray:

@@ -29,7 +29,7 @@ from localreg.synthesis.examples import ExampleSource
 from localreg.synthesis.halves import Measured
 from localreg.synthesis.rehearsal import Past, Rehearsal, rehearse, rows_to_rehearse
 from localreg.synthesis.settings import Settings
-from localreg.synthesis.windows import Inputs, Steps, pose_inputs, step_inputs, steps
+from localreg.synthesis.windows import Inputs, Steps, Windows, inputs, steps
 
 _NEAREST: Final = 0.05  # squared distances below this are not told apart
 _FIRST_LOOK: Final = 100  # predictions that the noise of past poses is first learned from
@@ -100,9 +100,9 @@ def learn(
 ) -> Experience:
     """Rehearse on the database that a source may use."""
     database, targets = source.database, source.targets
-    step = step_inputs(
-        database, targets, settings.history, settings.step_noise, settings.components
-    )
+    history = settings.history
+    noise = np.full(history * DOF_COUNT, settings.step_noise)
+    step = inputs(Windows.of(database, history), targets, noise, settings.components)
     everything = Measured(np.ones(len(feature_noise)), np.ones(6, dtype=bool), 0, turns=False)
     found = _learn(
         source, settings, feature_noise, chain, everything, step, steps(database, targets)
@@ -138,7 +138,7 @@ def _learn(
     step: Inputs,
     transitions: Steps,
 ) -> Experience:
-    database, targets = source.database, source.targets
+    windows = Windows.of(source.database, settings.history, source.features)
     past = Past(
         np.full(DOF_COUNT, settings.history_noise),
         measured.turns * settings.history_noise * np.eye(3),
@@ -148,9 +148,7 @@ def _learn(
     for look in (rows[:: max(1, len(rows) // _FIRST_LOOK)], rows):
         seen = _seen_noise(feature_noise, source, look, past, measured)
         noise = np.concatenate([np.tile(past.angles, settings.history), seen])
-        pose = pose_inputs(
-            database, source.features, targets, settings.history, noise, settings.components
-        )
+        pose = inputs(windows, source.targets, noise, settings.components)
         found = rehearse(
             source, settings, look, feature_noise, past, measured, pose, step, transitions, share
         )

@@ -19,7 +19,7 @@ from localreg.synthesis.examples import ExampleSource
 from localreg.synthesis.experience import Experience, learn, learn_half
 from localreg.synthesis.halves import Measured
 from localreg.synthesis.settings import Settings
-from localreg.synthesis.windows import Inputs, Steps, pose_reader, step_reader
+from localreg.synthesis.windows import Inputs, Steps, Windows
 
 _INPUTS: Final = ("noise", "center", "onto")
 _WORKED_OUT: Final = (*_INPUTS, "reduced", "unit")
@@ -49,11 +49,11 @@ def experience_over(
     arrays = cached_arrays(_name(source, settings, chain, feature_noise), make)
     for part in ("pose_reduced", "step_reduced", "steps_root"):
         touch(arrays[part])
-    pose_raw = pose_reader(source.database, source.features, settings.history)
-    step_raw = step_reader(source.database, settings.history)
+    posed = Windows.of(source.database, settings.history, source.features)
+    moved = Windows.of(source.database, settings.history)
     return Experience(
-        pose=Inputs(raw=pose_raw, **_parts_in(arrays, "pose", _WORKED_OUT)),
-        step=Inputs(raw=step_raw, **_parts_in(arrays, "step", _WORKED_OUT)),
+        pose=Inputs(windows=posed, **_parts_in(arrays, "pose", _WORKED_OUT)),
+        step=Inputs(windows=moved, **_parts_in(arrays, "step", _WORKED_OUT)),
         steps=Steps(arrays["steps_root"], source.angles),
         **_lessons_in(arrays),
     )
@@ -72,7 +72,7 @@ def half_over(
 
     facts = map(np.asarray, (whole.pose.noise, *measured))
     arrays = cached_arrays(_name(source, settings, chain, *facts), make)
-    pose = Inputs(raw=whole.pose.raw, **_parts_in(arrays, "pose", _INPUTS))
+    pose = Inputs(windows=whole.pose.windows, **_parts_in(arrays, "pose", _INPUTS))
     return replace(whole, pose=pose, **_lessons_in(arrays))
 
 

@@ -11,14 +11,19 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
+from localreg.body.skeleton import TANGENT_SIZE
 from localreg.database.neighbours import Neighbours, Query
 from localreg.synthesis.belief import Belief
 from localreg.synthesis.easy_poses import EASE, easy_poses
+from localreg.synthesis.linear_algebra import positive_inverse
 from localreg.synthesis.observation import Observation
 from localreg.synthesis.state import State
 
 STARTS: Final = 8
 """How many joint angles a pose is sought from when there is no past."""
+
+_USUAL_STEP: Final = np.repeat([0.03, np.radians(3.0)], [3, TANGENT_SIZE - 3])
+"""Deviation of a pose from that of the frame before: root position [m], all angles [rad]."""
 
 
 class Expectation(NamedTuple):
@@ -95,6 +100,14 @@ def plain_acquisition() -> Acquisition:
     """A wide pull to easy standing, from several starts."""
     starts = easy_poses()
     return Acquisition(starts, starts[0], np.eye(starts.shape[1]) / EASE**2)
+
+
+def plain_expectation(state: State) -> Expectation:
+    """The pose as it was, moved as fast as people do."""
+    spread = np.array(state.covariance, dtype=float)
+    spread[np.diag_indices(len(spread))] += np.square(_USUAL_STEP)
+    qpos = np.array(state.qpos, dtype=float)
+    return Expectation(Belief(qpos, np.zeros(len(spread)), positive_inverse(spread)))
 
 
 def spread_starts(

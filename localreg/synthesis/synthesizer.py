@@ -26,7 +26,7 @@ from localreg.synthesis.compiled import Control
 from localreg.synthesis.estimator import Estimator, Pose, Result
 from localreg.synthesis.linear_algebra import positive_inverse
 from localreg.synthesis.observation import Observation
-from localreg.synthesis.prior import Acquisition, Expectation, Prior
+from localreg.synthesis.prior import Acquisition, Expectation, Prior, plain_expectation
 from localreg.synthesis.rival import Doubt, are_apart
 from localreg.synthesis.settings import Settings
 from localreg.synthesis.solver import SOLVERS, Problem, Solution, Solver
@@ -132,10 +132,10 @@ class Synthesizer(Estimator[State]):
         advance = self._reconsider(state.doubt, self._advance(state, observation), observation)
         return advance.state, self._pose(frame.time, advance)
 
-    def _advance(self, state: State, observation: Observation) -> Advance:
-        """One frame from one state."""
+    def _advance(self, state: State, observation: Observation, *, plainly: bool = False) -> Advance:
+        """One frame from one state, by the trackers alone if wanted."""
         query, attention = self._query(state, observation)
-        expectation = self.prior.expect(query, state)
+        expectation = plain_expectation(state) if plainly else self.prior.expect(query, state)
         solution = self._solve(observation, expectation.belief, state.strain)
         solved = solution.ok
         if not solved:
@@ -168,7 +168,7 @@ class Synthesizer(Estimator[State]):
         surprise, bearable = present.expectation.surprise, self.settings.bearable_surprise
         doubt = doubt.after(surprise)
         if doubt.rival is not None:
-            other = self._advance(doubt.rival, observation)
+            other = self._follow(doubt.rival, observation)
             doubt = doubt.beside(surprise, other.state, other.expectation.surprise)
             if doubt.prefers_the_rival and _is_found(other):
                 doubt = doubt.settled_on_the_rival
@@ -179,6 +179,15 @@ class Synthesizer(Estimator[State]):
         if doubt.wants_a_rival(bearable):
             after = self._challenged(after, self._blank_from(after), observation)
         return present._replace(state=after)
+
+    def _follow(self, rival: State, observation: Observation) -> Advance:
+        """A rival a frame later: by the trackers alone while that costs less and is as good.
+
+        Without a past the database takes long to ask, and does not matter yet. Half a signal
+        alone would not keep the pose together.
+        """
+        is_young = not rival.history_valid.all()
+        return self._advance(rival, observation, plainly=is_young and rival.signals == "both")
 
     @cached_property
     def _layout(self) -> FeatureLayout:

@@ -5,7 +5,6 @@ past alone; both inputs are measured in units of their noise and reduced to prin
 directions. What does not change from frame to frame is worked out here once.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple, no_type_check
 
@@ -15,14 +14,56 @@ from numba import njit
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
-from localreg.body.skeleton import DOF_COUNT
+from localreg.database.block_search import plain
 from localreg.database.store import PoseDatabase
 from localreg.synthesis.local_fit import LocalFit, within_reach
 
-Raw = Callable[[Int[ndarray, " rows"]], Float32[ndarray, "rows n"]]
-
 _BASIS_ROWS = 4000  # windows that principal directions are found from
 _CHUNK = 8192  # rows at a time: bounds memory
+
+
+class Windows(NamedTuple):
+    """Poses with their past, as they are.
+
+    Attributes:
+        angles: joint angles of all poses [rad].
+        features: their features, if these count.
+        history: how many poses of the past count.
+    """
+
+    angles: Float32[ndarray, "N 56"]
+    features: Float32[ndarray, "N f"]
+    history: int
+
+    @classmethod
+    def of(
+        cls, database: PoseDatabase, history: int, features: Float32[ndarray, "N f"] | None = None
+    ) -> "Windows":
+        """The windows of a database."""
+        if features is None:
+            features = np.zeros((len(database), 0), dtype=np.float32)
+        return cls(plain(database.angles), plain(features), history)
+
+    def at(self, rows: Int[ndarray, " rows"]) -> Float32[ndarray, "rows n"]:
+        """Those into some poses: past angles, newest first, then features."""
+        return _windows(self, rows)
+
+
+@njit(cache=True)
+@no_type_check
+def _windows(windows, rows):
+    angles, features, history = windows
+    width, beside = angles.shape[1], features.shape[1]
+    past = history * width
+    out = np.empty((len(rows), past + beside), np.float32)
+    for i in range(len(rows)):
+        row = rows[i]
+        for lag in range(history):
+            for n in range(width):
+                out[i, lag * width + n] = angles[row - 1 - lag, n]
+        for n in range(beside):
+            out[i, past + n] = features[row, n]
+    return out
 
 
 class Reduced(NamedTuple):
@@ -45,7 +86,7 @@ class Inputs:
         noise: what each raw input is off by.
         center: what it is on average.
         onto: from raw inputs to the principal directions of inputs in units of their noise.
-        raw: reads the inputs of some rows as they are.
+        windows: what they are of.
         reduced: every pose's inputs along these directions, once they have been worked out,
             in units of `unit`; rows without a full past are not used.
         unit: what one is worth in each direction, far less than the noise.
@@ -54,7 +95,7 @@ class Inputs:
     noise: Float[ndarray, " n"]
     center: Float32[ndarray, " n"]
     onto: Float32[ndarray, "n r"]
-    raw: Raw
+    windows: Windows
     reduced: Int16[ndarray, "N r"] | None = None
     unit: Float32[ndarray, " r"] | None = None
 
@@ -64,14 +105,16 @@ class Inputs:
         """Reduced inputs of some rows, with no more trust than the query's; full by default."""
         if self.reduced is not None and trust is None:
             return _read(self.reduced, self.unit, rows)
-        return self.reduce(self.raw(rows), trust)
+        return self.reduce(self.windows.at(rows), trust)
 
     def reduce(
         self, raw: Float[ndarray, "*k n"], trust: Float[ndarray, " n"] | None = None
     ) -> Float32[ndarray, "*k r"]:
         """Raw inputs along the principal directions, those of no trust left out."""
-        away = raw - self.center
-        return (away if trust is None else away * trust).astype(np.float32) @ self.onto
+        return (raw - self.center).astype(np.float32) @ self._trusted(trust)
+
+    def _trusted(self, trust: Float[ndarray, " n"] | None) -> Float32[ndarray, "n r"]:
+        return self.onto if trust is None else trust.astype(np.float32)[:, None] * self.onto
 
     def at(
         self,
@@ -88,7 +131,7 @@ class Inputs:
         """
         if self.reduced is not None and trust is None:
             return Reduced(*_at(self.reduced, self.unit, self.center, self.onto, rows, raw))
-        return Reduced(self.of(rows, trust), self.reduce(raw, trust))
+        return Reduced(*_reduce(self.windows, self.center, self._trusted(trust), rows, raw))
 
     def fit(
         self,
@@ -125,7 +168,7 @@ class Inputs:
         return replace(self, reduced=reduced, unit=unit)
 
     def _along(self, rows: Int[ndarray, " rows"]) -> Float32[ndarray, "rows r"]:
-        return (self.raw(rows) - self.center) @ self.onto
+        return (self.windows.at(rows) - self.center) @ self.onto
 
 
 @njit(cache=True)
@@ -139,6 +182,15 @@ def _at(reduced, unit, center, onto, rows, raw):
 
 @njit(cache=True)
 @no_type_check
+def _reduce(windows, center, onto, rows, raw):
+    examples, away = _windows(windows, rows) - center, np.empty(len(raw), np.float32)
+    for n in range(len(raw)):
+        away[n] = raw[n] - center[n]
+    return np.dot(examples, onto), np.dot(away, onto)
+
+
+@njit(cache=True)
+@no_type_check
 def _read(reduced, unit, rows):
     out = np.empty((len(rows), len(unit)), np.float32)
     for i in range(len(rows)):
@@ -148,47 +200,18 @@ def _read(reduced, unit, rows):
     return out
 
 
-def pose_inputs(
-    database: PoseDatabase,
-    features: Float32[ndarray, "N f"],
-    targets: Bool[ndarray, " N"],
-    history: int,
-    noise: Float[ndarray, " n"],
-    components: int,
+def inputs(
+    windows: Windows, targets: Bool[ndarray, " N"], noise: Float[ndarray, " n"], components: int
 ) -> Inputs:
-    """Inputs of the pose regression: past angles, newest first, then features."""
-    return _inputs(pose_reader(database, features, history), targets, noise, components)
-
-
-def pose_reader(database: PoseDatabase, features: Float32[ndarray, "N f"], history: int) -> Raw:
-    """What reads raw inputs of the pose regression."""
-
-    def raw(rows: Int[ndarray, " rows"]) -> Float32[ndarray, "rows n"]:
-        past = database.histories(rows, history).reshape(len(rows), -1)
-        return np.hstack([past, features[rows]])
-
-    return raw
-
-
-def step_inputs(
-    database: PoseDatabase,
-    targets: Bool[ndarray, " N"],
-    history: int,
-    noise: float,
-    components: int,
-) -> Inputs:
-    """Inputs of the step regression: past angles, newest first."""
-    noises = np.full(history * DOF_COUNT, noise)
-    return _inputs(step_reader(database, history), targets, noises, components)
-
-
-def step_reader(database: PoseDatabase, history: int) -> Raw:
-    """What reads raw inputs of the step regression."""
-
-    def raw(rows: Int[ndarray, " rows"]) -> Float32[ndarray, "rows n"]:
-        return database.histories(rows, history).reshape(len(rows), -1)
-
-    return raw
+    """Inputs of a regression, in so many principal directions."""
+    rows = np.flatnonzero(targets)
+    some = windows.at(rows[:: max(1, len(rows) // _BASIS_ROWS)])
+    center = some.mean(axis=0, dtype=float).astype(np.float32)
+    scaled = (some - center) / noise
+    vectors = np.linalg.eigh(scaled.T @ scaled)[1]
+    basis = vectors[:, ::-1][:, :components]
+    onto = np.ascontiguousarray(basis / noise[:, None], dtype=np.float32)
+    return Inputs(noise, center, onto, windows)
 
 
 def ranges(
@@ -253,19 +276,3 @@ def steps_into(root, angles, rows):
                 bend -= whole * np.round(bend / whole)
             out[i, 6 + j] = bend
     return out
-
-
-def _inputs(
-    raw: Raw,
-    targets: Bool[ndarray, " N"],
-    noise: Float[ndarray, " n"],
-    components: int,
-) -> Inputs:
-    rows = np.flatnonzero(targets)
-    some = raw(rows[:: max(1, len(rows) // _BASIS_ROWS)])
-    center = some.mean(axis=0, dtype=float).astype(np.float32)
-    scaled = (some - center) / noise
-    vectors = np.linalg.eigh(scaled.T @ scaled)[1]
-    basis = vectors[:, ::-1][:, :components]
-    onto = np.ascontiguousarray(basis / noise[:, None], dtype=np.float32)
-    return Inputs(noise, center, onto, raw)

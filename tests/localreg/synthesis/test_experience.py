@@ -18,6 +18,7 @@ from localreg.synthesis.local_regression import LocalRegression
 from localreg.synthesis.methods import build_synthesizer
 from localreg.synthesis.rehearsal import Outcome, Rehearsal
 from localreg.synthesis.settings import Settings
+from localreg.synthesis.windows import Windows
 from tests.localreg.synthesis.sessions import RATE
 
 SETTINGS = Settings(neighbours=60, rehearsals=80, components=24)
@@ -69,7 +70,7 @@ def arrays(found: Experience) -> dict[str, ndarray]:
         f"{part}.{name}": value
         for part in PARTS
         for name, value in vars(getattr(found, part)).items()
-        if not callable(value)
+        if not isinstance(value, Windows)
     }
     return fields | parts
 

@@ -132,6 +132,27 @@ def test_a_rival_is_found_without_the_database(localreg, trackers, walk):
     assert late.max() < 0.5
 
 
+@pytest.mark.parametrize(("signals", "asked"), [("both", [1, 1, 2, 2]), ("position", [2, 2, 2, 2])])
+def test_a_young_rival_keeps_to_whole_trackers_without_the_database(
+    localreg, walk, signals, asked, monkeypatch
+):
+    frames = list(simulate_trackers(walk, TrackerQuality(signals=signals)))[:5]
+    state = localreg.init(frames[0])
+    searches, search = [], type(localreg.prior.source.search).search
+    monkeypatch.setattr(
+        type(localreg.prior.source.search), "search",
+        lambda *args, **named: searches.append(None) or search(*args, **named),
+    )  # fmt: skip
+    for frame, times in zip(frames[1:], asked, strict=True):
+        searches.clear()
+        state, pose = localreg.step(state, frame)
+        assert len(searches) == times
+        rival = state.doubt.rival
+        assert rival is not None
+    assert rival.history_valid.all()
+    assert np.nanmax(pose.position_residuals) < 0.03
+
+
 def test_methods_that_know_no_surprise_follow_no_rivals(walk, trackers):
     plain = build_estimator("ik", walk.subject)
     assert plain.init(trackers.frame(0)).doubt.rival is None
