@@ -46,7 +46,8 @@ class Settings:
             as those of nine in ten database poses, as a share of its anatomical range.
         rehearsals: database poses that trust in the regressions is learned from.
         bearable_surprise: squared distance of the neighbours, in units of the usual and as a
-            running mean, beyond which another pose is sought beside the present one.
+            running mean, beyond which another pose is sought beside the present one;
+            if infinite, none is followed beside a first pose, either.
         bearable_strain: squared error of a tracker in units of its sigma beyond which, where it
             lasts, the tracker is heard again and the prior fades.
         metric_history: weight of each lag's joint angles in the search [1/rad].

@@ -89,6 +89,7 @@ def test_a_shoulder_that_began_the_other_way_round_is_set_right(localreg, tracke
     patient = replace(stubborn, settings=replace(stubborn.settings, bearable_surprise=np.inf))
     results = {pose.result for pose in follow(patient, frames, start)}
     assert results == {Result.SOLVED}
+    assert patient.init(trackers.frame(0)).doubt.rival is None
 
 
 def test_no_rival_is_sought_while_most_trackers_are_away(localreg, trackers, walk):
