@@ -22,6 +22,7 @@ from localreg.body.skeleton import (
     default_axis_frames,
     default_offsets,
 )
+from localreg.motion.bone_frames import shortest_turn, unit
 from localreg.motion.joint_angles import axis_rotations
 
 Direction = tuple[float, float, float]
@@ -100,19 +101,19 @@ def _point(
 ) -> None:
     """Set the angles of a ball joint and the hinge after it so that the limb points as said."""
     flip = np.array([1.0 if side == "l" else -1.0, 1.0, 1.0])
-    u = parent.inv().apply(_unit(np.array(limb.upper) * flip))
+    u = parent.inv().apply(unit(np.array(limb.upper) * flip))
     index = BONE_NAMES.index(upper)
-    along = _unit(_OFFSETS[index])
+    along = unit(_OFFSETS[index])
     hinge = _FRAMES[BONE_NAMES.index(lower)][:, _HINGE_COLUMN["x"]]
     bend = 0.0
     if limb.lower is None:
-        turn = _shortest(along, u)
+        turn = Rotation.from_matrix(shortest_turn(along, u))
     else:
-        f = parent.inv().apply(_unit(np.array(limb.lower) * flip))
+        f = parent.inv().apply(unit(np.array(limb.lower) * flip))
         bend = float(np.arccos(np.clip(u @ f, -1.0, 1.0)))
         across = np.cross(hinge, along)
         before = np.stack([along, across, np.cross(along, across)])
-        sideways = _unit(f - (u @ f) * u)
+        sideways = unit(f - (u @ f) * u)
         after = np.stack([u, sideways, np.cross(u, sideways)])
         turn = Rotation.from_matrix(after.T @ before)
     C = Rotation.from_matrix(_FRAMES[index])
@@ -120,18 +121,6 @@ def _point(
     for name, value in (("rz", z), ("ry", y), ("rx", x)):
         angles[DOF_NAMES.index(upper + name)] = value
     angles[DOF_NAMES.index(lower + "rx")] = bend
-
-
-def _shortest(a: Float[ndarray, "3"], b: Float[ndarray, "3"]) -> Rotation:
-    axis = np.cross(a, b)
-    sine = float(np.linalg.norm(axis))
-    if sine < 1e-9:
-        return Rotation.identity()
-    return Rotation.from_rotvec(axis / sine * np.arctan2(sine, float(a @ b)))
-
-
-def _unit(v: Float[ndarray, "3"]) -> Float[ndarray, "3"]:
-    return v / np.linalg.norm(v)
 
 
 def _world(angles: Float[ndarray, "56"], body: str) -> Rotation:

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 from numpy import ndarray
 
-from localreg.database.block_kernels import (
+from localreg.database.block_parts import (
     BLOCK,
     DIRECTIONS,
     SKETCHED,

@@ -18,18 +18,10 @@ from jaxtyping import Bool, Float, Float32, Int
 from numpy import ndarray
 from scipy.linalg import solve_triangular
 
+from localreg.database.block_distances import all_distances, look_from
 from localreg.database.block_index import BlockIndex, window_scale
-from localreg.database.block_kernels import (
-    DIRECTIONS,
-    SKETCHED,
-    SOME,
-    Poses,
-    Scratch,
-    Target,
-    all_distances,
-    look_from,
-    search_blocks,
-)
+from localreg.database.block_kernels import search_blocks
+from localreg.database.block_parts import DIRECTIONS, SKETCHED, SOME, Poses, Scratch, Target
 from localreg.database.neighbours import (
     Metric,
     Neighbours,

@@ -15,7 +15,7 @@ from numpy import ndarray
 
 from localreg.body.chain import Chain
 from localreg.database.block_index import BlockIndex, build_index
-from localreg.database.block_kernels import Blocks, Sketches
+from localreg.database.block_parts import Blocks, Sketches
 from localreg.database.block_search import PROBES, BlockSearch
 from localreg.database.cache import cached_arrays, digest, touch
 from localreg.database.features import FeatureLayout, database_features

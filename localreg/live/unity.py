@@ -19,10 +19,12 @@ from typing import Final, NamedTuple
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
+from scipy.spatial.transform import Rotation
 
 from localreg.body.skeleton import BODY_NAMES
 from localreg.body.subject import Subject
 from localreg.live.body_frames import BodyFrames
+from localreg.motion.postures import t_pose
 from sensors import rotation
 from sensors.protocols import unity
 
@@ -68,11 +70,6 @@ _NAMES: Final = tuple(HUMAN_BONES)
 _BODIES: Final = np.array([BODY_NAMES.index(body) for body in HUMAN_BONES.values()])
 _PARENTS: Final = np.array([_NAMES.index(HUMAN_PARENTS.get(name, "Hips")) for name in _NAMES])
 
-# Unit vectors of limbs in the T-pose, in root axes: x left, y up, z forward.
-_LEVEL: Final = ("humerus", "radius", "wrist", "hand")
-_PLUMB: Final = ("femur", "tibia")
-_FEET: Final = ("foot", "toes")
-
 # The root's rotation of somebody upright who looks along the world's x: a quarter turn about
 # z from the rest pose's heading, and the quarter turn about x that makes a y-up body upright.
 _AHEAD: Final = np.array([0.5, 0.5, 0.5, 0.5])
@@ -104,7 +101,8 @@ class Humanoid:
     """
 
     def __init__(self, subject: Subject) -> None:
-        turns = rotation.multiply(_AHEAD, t_pose_turns(subject)[_BODIES])
+        t_turns = Rotation.from_matrix(t_pose(subject)[_BODIES])
+        turns = rotation.multiply(_AHEAD, t_turns.as_quat(canonical=True, scalar_first=True))
         self._from_t_pose = rotation.conjugate(turns)
 
     def __call__(self, frames: BodyFrames) -> HumanPose:
@@ -117,27 +115,3 @@ class Humanoid:
         q = rotation.multiply(to_parent, world_q)
         p[0], q[0] = world_p[0], world_q[0]
         return HumanPose(p, q[:, _XYZW], world_p, world_q[:, _XYZW])
-
-
-def t_pose_turns(subject: Subject) -> Float[ndarray, "31 4"]:
-    """Quaternions w x y z that bring each bone from the rest pose into the T-pose.
-
-    Legs hang straight down and arms are level, each by the shortest arc; feet and toes turn
-    with the leg, for in the rest pose their soles are as tilted as it is. All else stays.
-    """
-    turns = np.tile(rotation.IDENTITY, (len(BODY_NAMES), 1))
-    for index, name in enumerate(BODY_NAMES[1:], start=1):
-        side, kind = name[0], name[1:]
-        if kind in _FEET:
-            turns[index] = turns[index - 1]
-        elif kind in _PLUMB:
-            turns[index] = _shortest_arc(subject.directions[index - 1], np.array([0.0, -1.0, 0.0]))
-        elif kind in _LEVEL:
-            level = np.array([1.0 if side == "l" else -1.0, 0.0, 0.0])
-            turns[index] = _shortest_arc(subject.directions[index - 1], level)
-    return turns
-
-
-def _shortest_arc(a: Float[ndarray, "3"], b: Float[ndarray, "3"]) -> Float[ndarray, "4"]:
-    """The smallest rotation that takes one unit vector to another; not for opposite ones."""
-    return rotation.normalize(np.array([1.0 + float(a @ b), *np.cross(a, b)]))

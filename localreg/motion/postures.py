@@ -13,6 +13,7 @@ from numpy import ndarray
 
 from localreg.body.skeleton import BODY_NAMES, BONE_NAMES
 from localreg.body.subject import Subject
+from localreg.motion.bone_frames import shortest_turn
 
 _DOWN: Final = np.array([0.0, -1.0, 0.0])
 _LEFT: Final = np.array([1.0, 0.0, 0.0])
@@ -40,11 +41,13 @@ def t_pose(subject: Subject) -> Float[ndarray, "31 3 3"]:
     turns = np.tile(np.eye(3), (len(BODY_NAMES), 1, 1))
     for side, sign in (("l", 1.0), ("r", -1.0)):
         for bone in ("femur", "tibia"):
-            turns[_body(side + bone)] = _shortest(_direction(subject, side + bone), _DOWN)
+            turns[_body(side + bone)] = shortest_turn(_direction(subject, side + bone), _DOWN)
         for bone in ("foot", "toes"):
             turns[_body(side + bone)] = turns[_body(side + "tibia")]
         for bone in ("humerus", "radius", "wrist", "hand", "fingers"):
-            turns[_body(side + bone)] = _shortest(_direction(subject, side + bone), sign * _LEFT)
+            turns[_body(side + bone)] = shortest_turn(
+                _direction(subject, side + bone), sign * _LEFT
+            )
         turns[_body(side + "thumb")] = turns[_body(side + "hand")]
     return turns
 
@@ -80,13 +83,3 @@ def _frame(along: Float[ndarray, "3"], beside: Float[ndarray, "3"]) -> Float[nda
         return _frame(along, np.eye(3)[int(np.argmin(np.abs(along)))])
     side = side / size
     return np.stack([along, side, np.cross(along, side)], axis=1)
-
-
-def _shortest(start: Float[ndarray, "3"], end: Float[ndarray, "3"]) -> Float[ndarray, "3 3"]:
-    """The rotation by the smallest angle that turns one direction into another."""
-    axis, cosine = np.cross(start, end), float(start @ end)
-    if cosine < -1.0 + 1e-9:
-        normal = _frame(start, np.roll(start, 1))[:, 1]
-        return 2.0 * np.outer(normal, normal) - np.eye(3)
-    cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
-    return np.eye(3) + cross + cross @ cross / (1.0 + cosine)

@@ -16,6 +16,17 @@ from numpy import ndarray
 
 from localreg.body.skeleton import BONE_NAMES, BONES, default_axis_frames, default_offsets
 from localreg.body.subject import Subject
+from localreg.motion.bone_frames import (
+    frame_about,
+    frame_along,
+    frames_about,
+    frames_along,
+    mean_turn,
+    turn_onto,
+    turned_back,
+    unit,
+    units,
+)
 from localreg.motion.joint_motion import JointMotion
 from localreg.motion.skeleton_maps import BoneMap
 
@@ -194,15 +205,15 @@ class _Work:
         hips = [rest[self.starts[side + "femur"]] for side in "lr"]
         feet = [rest[self.starts.get(side + "foot", self.starts[side + "tibia"])] for side in "lr"]
         top = next((b for b in ("head", "lowerneck", "thorax") if b in self.starts), "root")
-        up = _unit(rest[self.starts[top]] - rest[self.starts["root"]])
-        legs = _unit((hips[0] + hips[1] - feet[0] - feet[1]) / 2.0)
-        across = _unit(hips[0] - hips[1])
+        up = unit(rest[self.starts[top]] - rest[self.starts["root"]])
+        legs = unit((hips[0] + hips[1] - feet[0] - feet[1]) / 2.0)
+        across = unit(hips[0] - hips[1])
         if not (up @ legs > _UPRIGHT and abs(up @ across) < 0.3 and abs(legs @ across) < 0.3):
             return None
         axis = np.zeros(3)
         axis[np.argmax(np.abs(up))] = np.sign(up[np.argmax(np.abs(up))])
         up = axis if axis @ up > _SNAP else up
-        frame = _frame(_unit(across - (across @ up) * up), up)
+        frame = frame_along(unit(across - (across @ up) * up), up)
         self._note_exchanged_sides(frame, rest)
         return frame
 
@@ -217,29 +228,29 @@ class _Work:
         for side in "lr":
             toes = self.starts.get(side + "toes", self.ends.get(side + "toes"))
             if toes is not None and side + "foot" in self.starts:
-                ways += float(_unit(rest[toes] - rest[self.starts[side + "foot"]]) @ frame[:, 2])
+                ways += float(unit(rest[toes] - rest[self.starts[side + "foot"]]) @ frame[:, 2])
         if ways < -0.5:
             self.notes.append("its feet point backwards: left and right seem to be exchanged")
 
     def _turn_root(self) -> None:
-        across = _units(self._start("lfemur") - self._start("rfemur"))
-        spine = _units(self._trunk_top() - (self._start("lfemur") + self._start("rfemur")) / 2.0)
+        across = units(self._start("lfemur") - self._start("rfemur"))
+        spine = units(self._trunk_top() - (self._start("lfemur") + self._start("rfemur")) / 2.0)
         turns = self.motion.rotations
         if "root" in self.motion.turns:
             self.turns["root"] = self.motion.turns["root"]
             return
         if turns is None:
-            self.turns["root"] = _frames(across, spine)
+            self.turns["root"] = frames_along(across, spine)
             return
         own = turns[:, self.starts["root"]]
         if self.frames_of_rest is not None:
             self.turns["root"] = own @ self.frames_of_rest
             return
-        x = _unit(np.mean(_back(own, across), axis=0))
+        x = unit(np.mean(turned_back(own, across), axis=0))
         y = np.mean(own[:, 2, :], axis=0)  # the world's up in the root's axes
-        along = _unit(np.mean(_back(own, spine), axis=0))
-        y = _unit(y) if np.linalg.norm(y) > 0.7 and _unit(y) @ along > 0.8 else along
-        self.turns["root"] = own @ _frame(x, _unit(y - (y @ x) * x))
+        along = unit(np.mean(turned_back(own, spine), axis=0))
+        y = unit(y) if np.linalg.norm(y) > 0.7 and unit(y) @ along > 0.8 else along
+        self.turns["root"] = own @ frame_along(x, unit(y - (y @ x) * x))
         self.notes.append("its rest pose is nobody's; how the pelvis is held is guessed")
 
     def _trunk_top(self) -> Float[ndarray, "frames 3"]:
@@ -261,13 +272,13 @@ class _Work:
                 self.turns[bone] = own @ self._carry_over(bone, own)
             return
         if turns is None and bone == "thorax":
-            across = _units(self._start("lhumerus") - self._start("rhumerus"))
+            across = units(self._start("lhumerus") - self._start("rhumerus"))
             low = self._start("thorax") if "thorax" in self.starts else self._start("root")
-            self.turns[bone] = _frames_about(_units(self._trunk_top() - low), across)
+            self.turns[bone] = frames_about(units(self._trunk_top() - low), across)
             return
         vector = self._vector(bone)
         if turns is None and bone in self.starts and vector is not None:
-            self.turns[bone] = _turn_onto(parent, self.directions[_INDEX[bone]], _units(vector))
+            self.turns[bone] = turn_onto(parent, self.directions[_INDEX[bone]], units(vector))
         else:
             self.turns[bone] = parent
 
@@ -284,8 +295,8 @@ class _Work:
         upper, lower = self._vector(bone), self._vector(hinged)
         if upper is None or lower is None:
             raise AssertionError(f"{bone} and {hinged} are among the bones that a map must have")
-        upper, lower = _units(upper), _units(lower)
-        prior = _turn_onto(self._parent_turn(bone), rest, upper) @ axis
+        upper, lower = units(upper), units(lower)
+        prior = turn_onto(self._parent_turn(bone), rest, upper) @ axis
         bent = np.cross(upper, lower)
         hinge = bent + _PRIOR_AXIS * prior
         weights = np.sum(bent * bent, axis=1) + 1e-3
@@ -293,12 +304,12 @@ class _Work:
         for name, along in ((bone, upper), (hinged, lower)):
             direction = self.directions[_INDEX[name]]
             if turns is None:
-                self.turns[name] = _frames_about(along, hinge) @ _frame_about(direction, axis).T
+                self.turns[name] = frames_about(along, hinge) @ frame_about(direction, axis).T
                 continue
             own = turns[:, self.starts[name]]
-            there = _unit(np.mean(_back(own, along), axis=0))
-            pin = np.sum(weights[:, None] * _back(own, _units(hinge)), axis=0)
-            self.turns[name] = own @ (_frame_about(there, pin) @ _frame_about(direction, axis).T)
+            there = unit(np.mean(turned_back(own, along), axis=0))
+            pin = np.sum(weights[:, None] * turned_back(own, units(hinge)), axis=0)
+            self.turns[name] = own @ (frame_about(there, pin) @ frame_about(direction, axis).T)
 
     def _turn_outer(self, bone: str) -> None:
         """Feet, hands and what is beyond them: laid along the file's bone, else carried along."""
@@ -308,8 +319,8 @@ class _Work:
             return
         vector, direction = self._vector(bone), self.directions[_INDEX[bone]]
         if turns is None:
-            along = None if vector is None else _units(vector)
-            self.turns[bone] = parent if along is None else _turn_onto(parent, direction, along)
+            along = None if vector is None else units(vector)
+            self.turns[bone] = parent if along is None else turn_onto(parent, direction, along)
             return
         own = turns[:, self.starts[bone]]
         if bone[1:] in ("foot", "toes") and self.frames_of_rest is not None and vector is not None:
@@ -317,11 +328,11 @@ class _Work:
         turn = self._carry_over(bone, own)
         thumb = bone[0] + "thumb"
         if bone[1:] == "hand" and thumb in self.starts and vector is not None:
-            there = _unit(np.mean(_back(own, _units(vector)), axis=0))
-            out = np.mean(_back(own, self._thumb_end(thumb) - self._start(bone)), axis=0)
-            if np.linalg.norm(np.cross(there, _unit(out))) > 0.2:
+            there = unit(np.mean(turned_back(own, units(vector)), axis=0))
+            out = np.mean(turned_back(own, self._thumb_end(thumb) - self._start(bone)), axis=0)
+            if np.linalg.norm(np.cross(there, unit(out))) > 0.2:
                 ours = self.directions[_INDEX[thumb]]
-                turn = _frame_about(there, out) @ _frame_about(direction, ours).T
+                turn = frame_about(there, out) @ frame_about(direction, ours).T
         self.turns[bone] = own @ turn
 
     def _keep_rest(
@@ -333,8 +344,8 @@ class _Work:
         if turns is None or before not in self.starts:
             return
         parent = np.swapaxes(turns[:, self.starts[before]], 1, 2) @ self._parent_turn(bone)
-        there = _unit(np.mean(_back(own, _units(vector)), axis=0))
-        rest = there @ _mean_turn(parent)
+        there = unit(np.mean(turned_back(own, units(vector)), axis=0))
+        rest = there @ mean_turn(parent)
         if rest @ self.directions[_INDEX[bone]] > _SAME_FOOT:
             self.directions[_INDEX[bone]] = rest
 
@@ -351,12 +362,12 @@ class _Work:
         turns = self.motion.rotations
         if turns is None or before is None:
             return np.eye(3)
-        parent_turn = _mean_turn(np.swapaxes(turns[:, before], 1, 2) @ self._parent_turn(bone))
+        parent_turn = mean_turn(np.swapaxes(turns[:, before], 1, 2) @ self._parent_turn(bone))
         vector = self._vector(bone)
         if vector is None:
             return parent_turn
-        there = _unit(np.mean(_back(own, _units(vector)), axis=0))
-        return _turn_onto(parent_turn[None], self.directions[_INDEX[bone]], there[None])[0]
+        there = unit(np.mean(turned_back(own, units(vector)), axis=0))
+        return turn_onto(parent_turn[None], self.directions[_INDEX[bone]], there[None])[0]
 
     def _turned_parent(self, bone: str) -> str:
         index = PARENTS[_INDEX[bone]]
@@ -388,7 +399,7 @@ class _Work:
         for side in "lr":
             hip = _INDEX[side + "hipjoint"]
             vector = self._start(side + "femur") - self._start("root")
-            vectors[hip] = np.mean(_back(self.turns["root"], vector), axis=0)
+            vectors[hip] = np.mean(turned_back(self.turns["root"], vector), axis=0)
             lengths[hip] = np.linalg.norm(vectors[hip])
         self._measure_clavicles(vectors, lengths)
         for chain in self._chains():
@@ -401,7 +412,7 @@ class _Work:
             for bone, part in zip(chain, share, strict=True):
                 lengths[_INDEX[bone]] = part * total
                 if bone in _FROM_FILE:
-                    local = np.mean(_back(self.turns[bone], _units(vector)), axis=0)
+                    local = np.mean(turned_back(self.turns[bone], units(vector)), axis=0)
                     vectors[_INDEX[bone]] = local
         for side in "lr":
             thumb = side + "thumb"
@@ -421,7 +432,7 @@ class _Work:
         for side in "lr":
             index = _INDEX[side + "clavicle"]
             vector = self._start(side + "humerus") - self._neck_base()
-            vectors[index] = np.mean(_back(self.turns[side + "clavicle"], vector), axis=0)
+            vectors[index] = np.mean(turned_back(self.turns[side + "clavicle"], vector), axis=0)
             lengths[index] = float(np.median(np.linalg.norm(vector, axis=1)))
 
     def _neck_base(self) -> Float[ndarray, "frames 3"]:
@@ -468,65 +479,3 @@ class _Work:
         if "lowerneck" not in self.starts:
             points[:, 1 + _INDEX["thorax"]] = self._neck_base()
         return points, tuple(is_joint)
-
-
-def _unit(vector: Float[ndarray, "3"]) -> Float[ndarray, "3"]:
-    return vector / max(float(np.linalg.norm(vector)), 1e-12)
-
-
-def _units(vectors: Float[ndarray, "*b 3"]) -> Float[ndarray, "*b 3"]:
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
-
-
-def _back(turns: Float[ndarray, "frames 3 3"], vectors: Float[ndarray, "frames 3"]) -> ndarray:
-    """Vectors of the world in turned axes."""
-    return np.einsum("fij,fi->fj", turns, vectors)
-
-
-def _frames(x: Float[ndarray, "*b 3"], near_y: Float[ndarray, "*b 3"]) -> ndarray:
-    """Rotations whose first axis is x and whose second lies as near as it can to another."""
-    z = _units(np.cross(x, near_y))
-    return np.stack([x, np.cross(z, x), z], axis=-1)
-
-
-def _frame(x: Float[ndarray, "3"], near_y: Float[ndarray, "3"]) -> Float[ndarray, "3 3"]:
-    return _frames(x[None], near_y[None])[0]
-
-
-def _frames_about(y: Float[ndarray, "*b 3"], near_x: Float[ndarray, "*b 3"]) -> ndarray:
-    """Rotations whose second axis is y and whose first lies as near as it can to another."""
-    x = near_x - np.sum(near_x * y, axis=-1, keepdims=True) * y
-    x = _units(x)
-    return np.stack([x, y, np.cross(x, y)], axis=-1)
-
-
-def _frame_about(y: Float[ndarray, "3"], near_x: Float[ndarray, "3"]) -> Float[ndarray, "3 3"]:
-    return _frames_about(y[None], near_x[None])[0]
-
-
-def _turn_onto(
-    turns: Float[ndarray, "frames 3 3"],
-    direction: Float[ndarray, "3"],
-    wanted: Float[ndarray, "frames 3"],
-) -> Float[ndarray, "frames 3 3"]:
-    """Turns followed by the smallest ones that bring a direction of theirs to a wanted one."""
-    now = turns @ direction
-    axis = np.cross(now, wanted)
-    cosine = np.sum(now * wanted, axis=-1)
-    near_half = cosine < -1.0 + 1e-9
-    # Half a turn has no smallest one; about the turned z axis is as good as any.
-    axis = np.where(near_half[:, None], 0.0, axis)
-    x, y, z = axis.T
-    zero = np.zeros_like(x)
-    skew = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(-1, 3, 3)
-    turn = np.eye(3) + skew + skew @ skew / np.maximum(1.0 + cosine, 1e-9)[:, None, None]
-    pole = turns[:, :, 2]
-    half = 2.0 * pole[:, :, None] * pole[:, None, :] - np.eye(3)
-    return np.where(near_half[:, None, None], half, turn) @ turns
-
-
-def _mean_turn(turns: Float[ndarray, "frames 3 3"]) -> Float[ndarray, "3 3"]:
-    """The rotation nearest to all of these."""
-    u, _, vh = np.linalg.svd(np.mean(turns, axis=0))
-    sign = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vh))])
-    return (u * sign) @ vh

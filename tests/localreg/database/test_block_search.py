@@ -8,7 +8,8 @@ from numpy import ndarray
 
 from localreg.database import PoseDatabase, block_index
 from localreg.database.block_index import BlockIndex, build_index
-from localreg.database.block_kernels import BLOCK, nth_smallest
+from localreg.database.block_kernels import nth_smallest
+from localreg.database.block_parts import BLOCK
 from localreg.database.block_search import BlockSearch
 from localreg.database.neighbours import Metric, Neighbours, Query
 from tests.localreg.database.made_motion import make_motion

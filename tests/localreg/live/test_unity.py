@@ -11,9 +11,9 @@ from localreg.live.unity import (
     HUMAN_BONES,
     HUMAN_PARENTS,
     Humanoid,
-    t_pose_turns,
 )
 from localreg.motion.joint_angles import joint_angles
+from localreg.motion.postures import t_pose
 from sensors.protocols import unity
 from tests.localreg.live.poses import random_qpos
 
@@ -30,9 +30,9 @@ def upright(**degrees: float) -> np.ndarray:
     return qpos
 
 
-def t_pose(subject: Subject) -> np.ndarray:
-    """The joint angles of Unity's T-pose, from the turns of the bones."""
-    turns = Rotation.from_quat(t_pose_turns(subject), scalar_first=True).as_matrix()
+def in_t_pose(subject: Subject) -> np.ndarray:
+    """Somebody who stands in Unity's T-pose, from the turns of the bones."""
+    turns = t_pose(subject)
     parents = [BODY_NAMES.index(bone.parent) for bone in BONES]
     local = np.swapaxes(turns[parents], 1, 2) @ turns[1:]
     qpos = upright()
@@ -45,7 +45,7 @@ def human(qpos: np.ndarray, subject: Subject = SUBJECT):
 
 
 def test_the_t_pose_is_all_identities():
-    pose = human(t_pose(SUBJECT))
+    pose = human(in_t_pose(SUBJECT))
     np.testing.assert_allclose(np.abs(pose.quaternions[:, 3]), 1.0, atol=1e-9)
     for side in ("Left", "Right"):
         leg = [pose.world_positions[NAMES.index(side + bone)] for bone in
@@ -73,8 +73,8 @@ def test_left_is_at_minus_x_up_at_y_and_forward_at_z():
     ],
 )
 def test_joints_turn_the_right_way(dofs: dict[str, float], bone: str, expected: list[float] | None):
-    before = human(t_pose(SUBJECT))
-    qpos = t_pose(SUBJECT)
+    before = human(in_t_pose(SUBJECT))
+    qpos = in_t_pose(SUBJECT)
     for name, degrees in dofs.items():
         qpos[7 + DOF_NAMES.index(name)] += np.radians(degrees)
     after = human(qpos)
