@@ -18,7 +18,7 @@ from typing import Annotated, Any, cast
 
 import numpy as np
 import typer
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy import ndarray
 
 from benchmarks.measures import STAGES
@@ -87,9 +87,17 @@ def played_clips(folder: Path) -> list[Motion]:
 
 def frame_times(
     estimator: Synthesizer, clips: list[Motion], frames: int
-) -> tuple[Float[ndarray, " steps"], dict[str, Float[ndarray, " steps"]], list[float]]:
-    """Times of steps [ms], of their stages [ms], and joint angle errors of the clips [deg]."""
-    watch, whole, errors = Stopwatch(), [], []
+) -> tuple[
+    Float[ndarray, " steps"], Bool[ndarray, " steps"], dict[str, Float[ndarray, " steps"]],
+    list[float],
+]:  # fmt: skip
+    """Steps and how they went.
+
+    Returns:
+        Times of steps [ms], whether they come more than a second after a start, times of their
+        stages [ms], and joint angle errors of the clips [deg].
+    """
+    watch, whole, late, errors = Stopwatch(), [], [], []
     stages: dict[str, list[float]] = {stage: [] for stage in STAGES}
     source = cast("Any", estimator.prior).source
     with (
@@ -122,11 +130,13 @@ def frame_times(
                     for stage, value in parts.items():
                         stages[stage].append(value)
                     whole.append(taken)
+                    late.append(index > estimator.rate)
                     made.append(pose.qpos)
                 if seed == 0:
                     errors.append(_error(motion, np.array(made, dtype=float)))
                 if len(whole) >= frames:
-                    return np.array(whole), {k: np.array(v) for k, v in stages.items()}, errors
+                    parts = {stage: np.array(times) for stage, times in stages.items()}
+                    return np.array(whole), np.array(late), parts, errors
     raise AssertionError("no clip has a second frame")
 
 
@@ -235,12 +245,13 @@ def main(
         "first_pose_s": time.clock_gettime(time.CLOCK_BOOTTIME) - begun,
     }
     play(estimator, simulate_trackers(clips[0].first(30)))
-    whole, stages, errors = frame_times(estimator, clips, frames)
+    whole, late, stages, errors = frame_times(estimator, clips, frames)
     figures |= {
         "frames": len(whole),
         "frame_p50_ms": float(np.percentile(whole, 50)),
         "frame_p90_ms": float(np.percentile(whole, 90)),
         "frame_p99_ms": float(np.percentile(whole, 99)),
+        "late_frame_p99_ms": float(np.percentile(whole[late], 99)),
         "frame_p999_ms": float(np.percentile(whole, 99.9)),
         "frame_max_ms": float(whole.max()),
         "memory_mb": _peak_memory_mb(),

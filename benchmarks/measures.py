@@ -43,6 +43,10 @@ def _of_size(size: str, p50: float, p99: float, start: float) -> tuple[Measure, 
             f"{size}.frame_p99_ms", f"whole frame, {size} poses, 99 % within", "ms",
             tolerance=1.0, bound=p99,
         ),
+        Measure(
+            f"{size}.late_frame_p99_ms", "the same but for the first second after a start", "ms",
+            tolerance=1.0,
+        ),
         *(
             Measure(f"{size}.{stage}_p50_ms", f"of it {stage}, {size} poses", "ms", tolerance=0.6)
             for stage in STAGES
