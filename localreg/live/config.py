@@ -8,6 +8,7 @@ stations = { head = 1, torso = 2, lhand = 3, rhand = 4, lankle = 5, rankle = 6 }
 
 [synthesis]
 method = "localreg"
+position_error_m = 0.02      # of trackers noisier than an IS-900
 
 [[outputs]]
 protocol = "vmc"
@@ -39,9 +40,14 @@ class SynthesisConfig(Settings):
 
     Attributes:
         method: which estimator; `localreg`, or another of `localreg evaluate --methods`.
+        position_error_m: what a tracker's position is believed to be off by, as a root mean
+            square distance [m]; the method's own (5 mm) if None.
+        orientation_error_deg: the same for its orientation [deg]; the method's own (0.65) if None.
     """
 
     method: str = "localreg"
+    position_error_m: Annotated[float, Field(gt=0.0, le=0.5)] | None = None
+    orientation_error_deg: Annotated[float, Field(gt=0.0, le=60.0)] | None = None
 
 
 class VmcOutput(Settings):

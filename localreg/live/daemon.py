@@ -25,7 +25,13 @@ from localreg.live.health import Health, HealthReport
 from localreg.live.outputs import open_motion_file, open_outputs
 from localreg.live.quiet import IdleWork, undisturbed
 from localreg.live.recenter import Recentering
-from localreg.live.run_options import RECORDING, RunOptions, wearer_of, wearing
+from localreg.live.run_options import (
+    RECORDING,
+    RunOptions,
+    method_settings,
+    wearer_of,
+    wearing,
+)
 from localreg.live.service_manager import notify
 from localreg.live.session import Session, stopped_by_interrupt
 from localreg.live.sinks import Sink
@@ -33,7 +39,8 @@ from localreg.live.status_server import StatusServer
 from localreg.live.take import TakeRecorder
 from localreg.live.warm_up import warm_up
 from localreg.synthesis.estimator import AnyEstimator
-from localreg.synthesis.methods import METHODS, build_estimator
+from localreg.synthesis.methods import build_synthesizer
+from localreg.synthesis.settings import Settings
 from sensors.recording import Recorder
 from sensors.tracker_input import TrackerInput
 
@@ -87,13 +94,14 @@ def run(
             chores = ((EVERY, view.refresh),)
             if compiling.is_first:
                 view.announce("compiling once for this machine, half a minute to a minute")
-        estimator = _warm_estimator(config.synthesis.method, subject, chosen, tell, compiling)
+        settings = method_settings(config)
+        estimator = _warm_estimator(settings, subject, chosen, tell, compiling)
         if config.emulator is not None:
             config = config.with_port(stack.enter_context(_emulated(config.emulator, config)))
         log = None if recorder is None else TakeRecorder(recorder)
         if log is not None:
             method = config.synthesis.method
-            log.begin(method, METHODS[method], config.performance, subject, chosen)
+            log.begin(method, settings, config.performance, subject, chosen)
             recentering.on_change = log.placed
         trackers = TrackerInput(config, trackers=subject.trackers, recorder=recorder)
         session = Session(
@@ -154,11 +162,11 @@ def _sinks(
 
 
 def _warm_estimator(
-    method: str, subject: Subject, chosen: ChosenDatabase, tell: Tell, compiling: Compiling
+    settings: Settings, subject: Subject, chosen: ChosenDatabase, tell: Tell, compiling: Compiling
 ) -> AnyEstimator:
     if compiling.is_first:
         tell("compiling once for this machine, half a minute to a minute")
-    estimator = build_estimator(method, subject, chosen.poses)
+    estimator = build_synthesizer(settings, subject, chosen.poses)
     compiling.wait()
     seconds = warm_up(estimator)
     compiling.finish()

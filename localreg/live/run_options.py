@@ -4,14 +4,14 @@ Imports nothing heavy: a mistake is answered before MuJoCo and compiled code are
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from localreg.body.subject import Subject, canonical_subject, read_subject
 from localreg.errors import LocalregError
 from localreg.live.config import RunConfig
 from localreg.live.view_options import ViewOptions
-from localreg.synthesis.settings import METHODS
+from localreg.synthesis.settings import METHODS, Settings
 from sensors.devices.replay import ReplayConfig
 from sensors.recording.replay import read_configuration
 
@@ -60,6 +60,16 @@ def wearer_of(config: RunConfig, options: RunOptions) -> Subject:
     _check_files(options)
     subject = options.subject
     return wearing(canonical_subject() if subject is None else read_subject(subject), config)
+
+
+def method_settings(config: RunConfig) -> Settings:
+    """The method's settings, with what the configuration says of the trackers' errors."""
+    wanted, settings = config.synthesis, METHODS[config.synthesis.method]
+    if wanted.position_error_m is not None:
+        settings = replace(settings, sigma_position=wanted.position_error_m)
+    if wanted.orientation_error_deg is not None:
+        settings = replace(settings, sigma_orientation=math.radians(wanted.orientation_error_deg))
+    return settings
 
 
 def _check_files(options: RunOptions) -> None:

@@ -8,6 +8,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -17,7 +18,9 @@ from localreg.errors import LocalregError
 from localreg.live.config import JsonOutput, RunConfig, VmcOutput, VrpnOutput
 from localreg.live.config_files import find_config
 from localreg.live.outputs import open_outputs
-from localreg.live.run_options import RunOptions, wearer_of
+from localreg.live.run_options import RunOptions, method_settings, wearer_of
+from localreg.synthesis.settings import METHODS
+from sensors.errors import ConfigurationError
 from sensors.placement import Placement
 from sensors.recording import Recorder
 
@@ -64,6 +67,24 @@ def test_a_replayed_recording_reports_its_own_trackers(tmp_path: Path):
         )
     replay = RunConfig.parse({"devices": [{"driver": "replay", "file": str(path)}]})
     assert wearer_of(replay, RunOptions()).trackers == ("head", "lhand")
+
+
+def synthesis(**told: float) -> RunConfig:
+    device = {"driver": "is900", "port": "/dev/ttyUSB0", "stations": {"head": 1}}
+    return RunConfig.parse({"devices": [device], "synthesis": told})
+
+
+def test_trackers_may_be_said_to_be_noisy():
+    assert method_settings(synthesis()) == METHODS["localreg"]
+    noisy = method_settings(synthesis(position_error_m=0.02, orientation_error_deg=3.0))
+    expected = replace(METHODS["localreg"], sigma_position=0.02, sigma_orientation=np.radians(3.0))
+    assert noisy == expected
+
+
+@pytest.mark.parametrize("told", [{"position_error_m": 20.0}, {"orientation_error_deg": 0.0}])
+def test_errors_in_a_wrong_unit_are_refused(told: dict[str, float]):
+    with pytest.raises(ConfigurationError, match=next(iter(told))):
+        synthesis(**told)
 
 
 @pytest.mark.parametrize(

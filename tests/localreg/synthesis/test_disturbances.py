@@ -1,9 +1,14 @@
 """Bad days on a real walk: the body stays with the trackers, and returns to them soon."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from localreg.evaluation.playback import play
+from localreg.evaluation.trackers import TrackerQuality, simulate_trackers
 from localreg.synthesis.estimator import Result
+from localreg.synthesis.methods import METHODS, build_synthesizer
 from tests.localreg.synthesis.sessions import (
     RATE,
     Session,
@@ -120,3 +125,14 @@ def test_a_start_that_is_wrong_is_mended(localreg, trackers, walk, body):
     session = Session(walk.qpos[40:55], body, poses)
     assert session.is_finite
     assert session.errors[10:].max() < 0.03
+
+
+def test_noisy_trackers_are_followed_better_once_that_is_known(walk, database):
+    start = walk.first(80)
+    quality = TrackerQuality(noise_position=0.02, noise_orientation=np.radians(3.0))
+    trackers, errors = simulate_trackers(start, quality), []
+    knowing = replace(METHODS["localreg"], sigma_position=0.02, sigma_orientation=np.radians(3.0))
+    for settings in (METHODS["localreg"], knowing):
+        found = play(build_synthesizer(settings, walk.subject, database), trackers).qpos
+        errors.append(np.abs(found - start.qpos)[5:, 7:].mean())
+    assert errors[1] < 0.9 * errors[0]
