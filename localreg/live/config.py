@@ -41,8 +41,8 @@ class SynthesisConfig(Settings):
     Attributes:
         method: which estimator; `localreg`, or another of `localreg evaluate --methods`.
         position_error_m: what a tracker's position is believed to be off by, as a root mean
-            square distance [m]; the method's own (5 mm) if None.
-        orientation_error_deg: the same for its orientation [deg]; the method's own (0.65) if None.
+            square distance [m]; as the method was tuned if None (`localreg`: 5 mm).
+        orientation_error_deg: the same for its orientation [deg] (`localreg`: 0.65).
     """
 
     method: str = "localreg"

@@ -5,12 +5,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 
-def unit(vector: Float[ndarray, "3"]) -> Float[ndarray, "3"]:
-    """A vector at length one."""
-    return vector / max(float(np.linalg.norm(vector)), 1e-12)
-
-
-def units(vectors: Float[ndarray, "*b 3"]) -> Float[ndarray, "*b 3"]:
+def unit(vectors: Float[ndarray, "*b 3"]) -> Float[ndarray, "*b 3"]:
     """Vectors at length one."""
     return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
 
@@ -22,27 +17,20 @@ def turned_back(
     return np.einsum("fij,fi->fj", turns, vectors)
 
 
-def frames_along(x: Float[ndarray, "*b 3"], near_y: Float[ndarray, "*b 3"]) -> ndarray:
+def frame_along(
+    x: Float[ndarray, "*b 3"], near_y: Float[ndarray, "*b 3"]
+) -> Float[ndarray, "*b 3 3"]:
     """Rotations whose first axis is x and whose second lies as near as it can to another."""
-    z = units(np.cross(x, near_y))
+    z = unit(np.cross(x, near_y))
     return np.stack([x, np.cross(z, x), z], axis=-1)
 
 
-def frame_along(x: Float[ndarray, "3"], near_y: Float[ndarray, "3"]) -> Float[ndarray, "3 3"]:
-    """One of `frames_along`."""
-    return frames_along(x[None], near_y[None])[0]
-
-
-def frames_about(y: Float[ndarray, "*b 3"], near_x: Float[ndarray, "*b 3"]) -> ndarray:
+def frame_about(
+    y: Float[ndarray, "*b 3"], near_x: Float[ndarray, "*b 3"]
+) -> Float[ndarray, "*b 3 3"]:
     """Rotations whose second axis is y and whose first lies as near as it can to another."""
-    x = near_x - np.sum(near_x * y, axis=-1, keepdims=True) * y
-    x = units(x)
+    x = unit(near_x - np.sum(near_x * y, axis=-1, keepdims=True) * y)
     return np.stack([x, y, np.cross(x, y)], axis=-1)
-
-
-def frame_about(y: Float[ndarray, "3"], near_x: Float[ndarray, "3"]) -> Float[ndarray, "3 3"]:
-    """One of `frames_about`."""
-    return frames_about(y[None], near_x[None])[0]
 
 
 def turn_onto(
@@ -61,7 +49,7 @@ def turn_onto(
     zero = np.zeros_like(x)
     skew = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(-1, 3, 3)
     turn = np.eye(3) + skew + skew @ skew / np.maximum(1.0 + cosine, 1e-9)[:, None, None]
-    across = units(np.cross(now, np.eye(3)[np.argmin(np.abs(now), axis=-1)]))
+    across = unit(np.cross(now, np.eye(3)[np.argmin(np.abs(now), axis=-1)]))
     half = 2.0 * across[:, :, None] * across[:, None, :] - np.eye(3)
     return np.where(near_half[:, None, None], half, turn) @ turns
 

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from localreg.errors import MotionError
-from localreg.motion.bone_frames import units
+from localreg.motion.bone_frames import frame_about, unit
 from localreg.motion.joint_motion import JointMotion, SkeletonTree
 from localreg.motion.skeleton_maps import BoneMap
 
@@ -169,7 +169,7 @@ def _plug_in_gait(
     points["lowerneck"] = neck
     low = points["root"] if chest is None else chest
     across = at["LSHO"] - at["RSHO"]
-    thorax = _axes_about(neck - low, across)
+    thorax = frame_about(unit(neck - low), across)
     turns["thorax"] = thorax
     if chest is not None:
         points["thorax"] = chest
@@ -230,10 +230,10 @@ def _toe_base(
     heel = at.get(side + "HEE")
     if heel is None:
         return toe
-    along = units(toe - heel)
+    along = unit(toe - heel)
     upward = ankle - heel
     upward = upward - np.sum(upward * along, axis=1, keepdims=True) * along
-    return toe - 0.03 * size * units(upward)
+    return toe - 0.03 * size * unit(upward)
 
 
 def _chord(
@@ -254,7 +254,7 @@ def _chord(
     length = np.linalg.norm(along, axis=1, keepdims=True)
     along = along / np.maximum(length, 1e-9)
     out = beside - marker
-    out = units(out - np.sum(out * along, axis=1, keepdims=True) * along)
+    out = unit(out - np.sum(out * along, axis=1, keepdims=True) * along)
     half = np.minimum(half, 0.9 * length)
     forth = half * half / np.maximum(length, 1e-9)
     return marker + forth * along - np.sqrt(np.maximum(half * half - forth * forth, 0.0)) * out
@@ -262,13 +262,6 @@ def _chord(
 
 def _axes(left: ndarray, near_forward: ndarray) -> Float[ndarray, "frames 3 3"]:
     """Root axes whose x points left and whose z lies as near as it can to forward."""
-    x = units(left)
-    y = units(np.cross(near_forward, x))
-    return np.stack([x, y, np.cross(x, y)], axis=-1)
-
-
-def _axes_about(upward: ndarray, near_left: ndarray) -> Float[ndarray, "frames 3 3"]:
-    """Root axes whose y points up and whose x lies as near as it can to left."""
-    y = units(upward)
-    x = units(near_left - np.sum(near_left * y, axis=1, keepdims=True) * y)
+    x = unit(left)
+    y = unit(np.cross(near_forward, x))
     return np.stack([x, y, np.cross(x, y)], axis=-1)

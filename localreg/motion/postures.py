@@ -13,7 +13,7 @@ from numpy import ndarray
 
 from localreg.body.skeleton import BODY_NAMES, BONE_NAMES
 from localreg.body.subject import Subject
-from localreg.motion.bone_frames import shortest_turn
+from localreg.motion.bone_frames import frame_along, shortest_turn
 
 _DOWN: Final = np.array([0.0, -1.0, 0.0])
 _LEFT: Final = np.array([1.0, 0.0, 0.0])
@@ -77,9 +77,7 @@ def _direction(subject: Subject, bone: str) -> Float[ndarray, "3"]:
 
 def _frame(along: Float[ndarray, "3"], beside: Float[ndarray, "3"]) -> Float[ndarray, "3 3"]:
     """Orthonormal columns: a direction, what is left of another beside it, and their normal."""
-    side = beside - along * (along @ beside)
-    size = float(np.linalg.norm(side))
-    if size < 1e-6:  # a hinge along its bone says nothing: take any side
-        return _frame(along, np.eye(3)[int(np.argmin(np.abs(along)))])
-    side = side / size
-    return np.stack([along, side, np.cross(along, side)], axis=1)
+    if np.linalg.norm(np.cross(along, beside)) < 1e-6:
+        # A hinge along its bone says nothing: take any side.
+        beside = np.eye(3)[int(np.argmin(np.abs(along)))]
+    return frame_along(along, beside)

@@ -19,13 +19,10 @@ from localreg.body.subject import Subject
 from localreg.motion.bone_frames import (
     frame_about,
     frame_along,
-    frames_about,
-    frames_along,
     mean_turn,
     turn_onto,
     turned_back,
     unit,
-    units,
 )
 from localreg.motion.joint_motion import JointMotion
 from localreg.motion.skeleton_maps import BoneMap
@@ -233,14 +230,14 @@ class _Work:
             self.notes.append("its feet point backwards: left and right seem to be exchanged")
 
     def _turn_root(self) -> None:
-        across = units(self._start("lfemur") - self._start("rfemur"))
-        spine = units(self._trunk_top() - (self._start("lfemur") + self._start("rfemur")) / 2.0)
+        across = unit(self._start("lfemur") - self._start("rfemur"))
+        spine = unit(self._trunk_top() - (self._start("lfemur") + self._start("rfemur")) / 2.0)
         turns = self.motion.rotations
         if "root" in self.motion.turns:
             self.turns["root"] = self.motion.turns["root"]
             return
         if turns is None:
-            self.turns["root"] = frames_along(across, spine)
+            self.turns["root"] = frame_along(across, spine)
             return
         own = turns[:, self.starts["root"]]
         if self.frames_of_rest is not None:
@@ -272,13 +269,13 @@ class _Work:
                 self.turns[bone] = own @ self._carry_over(bone, own)
             return
         if turns is None and bone == "thorax":
-            across = units(self._start("lhumerus") - self._start("rhumerus"))
+            across = unit(self._start("lhumerus") - self._start("rhumerus"))
             low = self._start("thorax") if "thorax" in self.starts else self._start("root")
-            self.turns[bone] = frames_about(units(self._trunk_top() - low), across)
+            self.turns[bone] = frame_about(unit(self._trunk_top() - low), across)
             return
         vector = self._vector(bone)
         if turns is None and bone in self.starts and vector is not None:
-            self.turns[bone] = turn_onto(parent, self.directions[_INDEX[bone]], units(vector))
+            self.turns[bone] = turn_onto(parent, self.directions[_INDEX[bone]], unit(vector))
         else:
             self.turns[bone] = parent
 
@@ -295,7 +292,7 @@ class _Work:
         upper, lower = self._vector(bone), self._vector(hinged)
         if upper is None or lower is None:
             raise AssertionError(f"{bone} and {hinged} are among the bones that a map must have")
-        upper, lower = units(upper), units(lower)
+        upper, lower = unit(upper), unit(lower)
         prior = turn_onto(self._parent_turn(bone), rest, upper) @ axis
         bent = np.cross(upper, lower)
         hinge = bent + _PRIOR_AXIS * prior
@@ -304,11 +301,11 @@ class _Work:
         for name, along in ((bone, upper), (hinged, lower)):
             direction = self.directions[_INDEX[name]]
             if turns is None:
-                self.turns[name] = frames_about(along, hinge) @ frame_about(direction, axis).T
+                self.turns[name] = frame_about(along, hinge) @ frame_about(direction, axis).T
                 continue
             own = turns[:, self.starts[name]]
             there = unit(np.mean(turned_back(own, along), axis=0))
-            pin = np.sum(weights[:, None] * turned_back(own, units(hinge)), axis=0)
+            pin = np.sum(weights[:, None] * turned_back(own, unit(hinge)), axis=0)
             self.turns[name] = own @ (frame_about(there, pin) @ frame_about(direction, axis).T)
 
     def _turn_outer(self, bone: str) -> None:
@@ -319,7 +316,7 @@ class _Work:
             return
         vector, direction = self._vector(bone), self.directions[_INDEX[bone]]
         if turns is None:
-            along = None if vector is None else units(vector)
+            along = None if vector is None else unit(vector)
             self.turns[bone] = parent if along is None else turn_onto(parent, direction, along)
             return
         own = turns[:, self.starts[bone]]
@@ -328,7 +325,7 @@ class _Work:
         turn = self._carry_over(bone, own)
         thumb = bone[0] + "thumb"
         if bone[1:] == "hand" and thumb in self.starts and vector is not None:
-            there = unit(np.mean(turned_back(own, units(vector)), axis=0))
+            there = unit(np.mean(turned_back(own, unit(vector)), axis=0))
             out = np.mean(turned_back(own, self._thumb_end(thumb) - self._start(bone)), axis=0)
             if np.linalg.norm(np.cross(there, unit(out))) > 0.2:
                 ours = self.directions[_INDEX[thumb]]
@@ -344,7 +341,7 @@ class _Work:
         if turns is None or before not in self.starts:
             return
         parent = np.swapaxes(turns[:, self.starts[before]], 1, 2) @ self._parent_turn(bone)
-        there = unit(np.mean(turned_back(own, units(vector)), axis=0))
+        there = unit(np.mean(turned_back(own, unit(vector)), axis=0))
         rest = there @ mean_turn(parent)
         if rest @ self.directions[_INDEX[bone]] > _SAME_FOOT:
             self.directions[_INDEX[bone]] = rest
@@ -366,7 +363,7 @@ class _Work:
         vector = self._vector(bone)
         if vector is None:
             return parent_turn
-        there = unit(np.mean(turned_back(own, units(vector)), axis=0))
+        there = unit(np.mean(turned_back(own, unit(vector)), axis=0))
         return turn_onto(parent_turn[None], self.directions[_INDEX[bone]], there[None])[0]
 
     def _turned_parent(self, bone: str) -> str:
@@ -412,7 +409,7 @@ class _Work:
             for bone, part in zip(chain, share, strict=True):
                 lengths[_INDEX[bone]] = part * total
                 if bone in _FROM_FILE:
-                    local = np.mean(turned_back(self.turns[bone], units(vector)), axis=0)
+                    local = np.mean(turned_back(self.turns[bone], unit(vector)), axis=0)
                     vectors[_INDEX[bone]] = local
         for side in "lr":
             thumb = side + "thumb"

@@ -260,9 +260,10 @@ class Synthesizer(Estimator[State]):
 
     def _challenged(self, state: State, blank: State, observation: Observation) -> State:
         """A state beside which a rival is followed, where enough is seen to find one."""
-        bears_all = self.settings.bearable_surprise == np.inf
-        plain = None if bears_all else self.prior.acquire_plainly()
-        if plain is None or not _is_well_seen(observation):
+        if self.settings.bearable_surprise == np.inf or not _is_well_seen(observation):
+            return state
+        plain = self.prior.acquire_plainly()
+        if plain is None:
             return state
         rival, _ = self._best_of_starts(plain, blank, observation)
         return state._replace(doubt=state.doubt.challenged_by(rival))

@@ -139,6 +139,7 @@ def test_a_young_rival_keeps_to_whole_trackers_without_the_database(
 ):
     frames = list(simulate_trackers(walk, TrackerQuality(signals=signals)))[:5]
     state = localreg.init(frames[0])
+    localreg.step(state, frames[1])  # rehearses for half a signal, once
     searches, search = [], type(localreg.prior.source.search).search
     monkeypatch.setattr(
         type(localreg.prior.source.search), "search",
